@@ -66,10 +66,12 @@ def checked_kinds(function: Callable[P, T]) -> Callable[P, T]:
         for one in parameters
         if one.annotation is not inspect.Parameter.empty and one.kind is not inspect.Parameter.VAR_KEYWORD
     }
-    order = [one.name for one in parameters if one.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD]
-    each = next((one.annotation for one in parameters if one.kind is one.VAR_KEYWORD), "Any")  # of **joints: float
+    order = [parameter.name for parameter in parameters if parameter.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD]
+    each = next(
+        (parameter.annotation for parameter in parameters if parameter.kind is parameter.VAR_KEYWORD), "Any"
+    )  # of **joints: float
     others = ast.parse(str(each), mode="eval").body
-    declared = {one.name for one in parameters}
+    declared = {parameter.name for parameter in parameters}
     title = function.__qualname__.removesuffix(".__init__")
 
     def look(args: tuple, kwargs: Mapping[str, Any]) -> None:
@@ -104,7 +106,7 @@ def _is(value: Any, wanted: ast.expr) -> bool:
     name, inner = _name(wanted.value), wanted.slice
     parts = inner.elts if isinstance(inner, ast.Tuple) else [inner]
     if name == "Literal":
-        return any(_is(value, one) for one in parts)
+        return any(_is(value, part) for part in parts)
     if not _is_a(value, name) or (isinstance(value, str) and name not in ANYTHING):
         return False
     if name in ("Callable", "Iterable", *ANYTHING):
@@ -114,7 +116,7 @@ def _is(value: Any, wanted: ast.expr) -> bool:
     if isinstance(value, Mapping):
         return all(_is(key, parts[0]) and _is(item, parts[-1]) for key, item in value.items())
     if isinstance(value, Sequence):
-        each = [one for one in parts if getattr(one, "value", None) is not ...]
+        each = [part for part in parts if getattr(part, "value", None) is not ...]
         fixed = name == "tuple" and len(each) == len(parts)
         return all(_is(item, each[i] if fixed and i < len(each) else each[0]) for i, item in enumerate(value)) and not (
             fixed and len(value) != len(each)
@@ -137,7 +139,7 @@ def _is_a(value: Any, name: str) -> bool:
 
 @cache
 def _lineage(kind: type) -> frozenset[str]:
-    return frozenset(one.__name__ for one in kind.__mro__)
+    return frozenset(base.__name__ for base in kind.__mro__)
 
 
 def _name(wanted: ast.AST) -> str:
@@ -154,7 +156,7 @@ def _said(wanted: ast.expr) -> list[str]:
         name = _name(wanted.value)
         parts = wanted.slice.elts if isinstance(wanted.slice, ast.Tuple) else [wanted.slice]
         if name == "Literal":
-            return [word for one in parts for word in _said(one)]
+            return [word for part in parts for word in _said(part)]
         inner = " or ".join(_said(parts[-1] if name in ("Mapping", "dict") else parts[0]))
         said = PLAIN[name][1] if name in PLAIN else name
         return [said if name in ("Callable", "Iterable") else f"{said} of {inner}"]

@@ -210,10 +210,10 @@ class Arm:
     source: Source | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
-        known = [*(joint.name for joint in self.robot.places), *self.robot.linkage.closures]
+        places = [*(joint.name for joint in self.robot.places), *self.robot.linkage.closures]
         for flexure in self.flexures:
-            if flexure.joint is not None and flexure.joint not in known:
-                raise UnknownNameError("joint between base and tip", flexure.joint, known)
+            if flexure.joint is not None and flexure.joint not in places:
+                raise UnknownNameError("joint between base and tip", flexure.joint, places)
             if sum(other.name == flexure.name for other in self.flexures) > 1:
                 raise InputError(f"two flexures are named {flexure.name!r}")
         for spring in self.springs:
@@ -233,13 +233,18 @@ class Arm:
 
     def _repr_html_(self) -> str:
         rows = [
-            (one.name, one.joint or "base", type(one.law).__name__, "yes" if one.law.uncertain else "no")
-            for one in self.flexures
+            (
+                flexure.name,
+                flexure.joint or "base",
+                type(flexure.law).__name__,
+                "yes" if flexure.law.uncertain else "no",
+            )
+            for flexure in self.flexures
         ]
         table = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
         head = "<tr><th>flexure</th><th>joint</th><th>law</th><th>uncertain</th></tr>"
-        found = "".join(f"<li>{escape(effect.title)}</li>" for effect in self.effects)
-        return f"<p>{escape(repr(self)[1:-1])}</p><table>{head}{table}</table><ul>{found}</ul>"
+        effects = "".join(f"<li>{escape(effect.title)}</li>" for effect in self.effects)
+        return f"<p>{escape(repr(self)[1:-1])}</p><table>{head}{table}</table><ul>{effects}</ul>"
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -299,7 +304,7 @@ class Arm:
         if kind is ParameterKind.MASS:
             return self.masses.get(name, 0.0)
         if kind is ParameterKind.SPRING:
-            values = [value for one in self.springs for value in one.law.found]
+            values = [value for spring in self.springs for value in spring.law.found]
             return dict(zip(of_springs(self.springs), values, strict=True)).get(parameter, 0.0)
         axis = TWIST_NAMES.index(str(parameter.name))
         values = (self.corrections.geometry if kind is ParameterKind.GEOMETRY else self.factors).get(name)
@@ -312,20 +317,20 @@ class Arm:
         In files from before effects of one name were numbered, those of the second have the name of the first.
         """
         sessions = self.instrument.sessions if self.instrument else ()
-        known = [*FRAME, *of_motions(ParameterKind.SESSION, sessions), *MOUNTED, *TARGET, *of_offsets(self.robot)]
-        known += of_targets(self.instrument.targets if self.instrument else ())
-        known += of_motions(ParameterKind.GEOMETRY, self.robot.frames)
-        known += [*of_masses(self.weighing), *of_springs(self.springs)]
-        known += [one for sensor in self.sensors.values() for one in of_sensor(sensor, sensor.found)]
+        parameters = [*FRAME, *of_motions(ParameterKind.SESSION, sessions), *MOUNTED, *TARGET, *of_offsets(self.robot)]
+        parameters += of_targets(self.instrument.targets if self.instrument else ())
+        parameters += of_motions(ParameterKind.GEOMETRY, self.robot.frames)
+        parameters += [*of_masses(self.weighing), *of_springs(self.springs)]
+        parameters += [parameter for sensor in self.sensors.values() for parameter in of_sensor(sensor, sensor.found)]
         for flexure in self.flexures:
-            known += of_compliance(flexure.name)
+            parameters += of_compliance(flexure.name)
             if flexure.learned:
-                known += of_law(flexure.name, flexure.learned)
-        pairs = [(parameter, parameter.label) for parameter in known]
+                parameters += of_law(flexure.name, flexure.learned)
+        pairs = [(parameter, parameter.label) for parameter in parameters]
         for effect, number in zip(self.effects, numbers_of(self.effects), strict=True):
-            own, first = of_effect(effect, number), of_effect(effect, 1)
-            pairs += [(parameter, parameter.label) for parameter in own]
-            pairs += [(parameter, old.label) for parameter, old in zip(own, first, strict=True) if number > 1]
+            numbered, first = of_effect(effect, number), of_effect(effect, 1)
+            pairs += [(parameter, parameter.label) for parameter in numbered]
+            pairs += [(parameter, old.label) for parameter, old in zip(numbered, first, strict=True) if number > 1]
         return named(labels, pairs)
 
     def left(self, after: float = math.inf) -> Arm:
@@ -333,14 +338,16 @@ class Arm:
 
         Where nobody says when the campaign of an effect was, the effect stays on the clock of rows.
         """
-        return self._with_effects(lambda one: replace(one, left=math.inf if one.earlier else after, later=0.0))
+        return self._with_effects(lambda effect: replace(effect, left=math.inf if effect.earlier else after, later=0.0))
 
     def on_clock(self, later: float = 0.0) -> Arm:
         """Return the arm as it was in its last campaigns, for rows whose clock is behind theirs by so much [s]."""
-        return self._with_effects(lambda one: one if one.earlier else replace(one, left=None, later=later))
+        return self._with_effects(lambda effect: effect if effect.earlier else replace(effect, left=None, later=later))
 
     def _with_effects(self, change: Callable[[Effect], Effect]) -> Arm:
-        effects = tuple(change(one) if one.of_time and (self.clock or one.earlier) else one for one in self.effects)
+        effects = tuple(
+            change(effect) if effect.of_time and (self.clock or effect.earlier) else effect for effect in self.effects
+        )
         return self if effects == self.effects else replace(self, effects=effects)
 
     @cached_property
@@ -352,9 +359,9 @@ class Arm:
     def weighing(self) -> tuple[str, ...]:
         """Links that move and weigh, and payloads that weigh, after `parameters.CARRIED`."""
         links = (name for name in self.link_names if name != self.robot.base)
-        own = {name: self.robot.urdf.links[name].inertial for name in links}
+        inertials = {name: self.robot.urdf.links[name].inertial for name in links}
         carried = (CARRIED + name for name, payload in self.payloads.items() if payload.mass)
-        return (*(name for name, inertial in own.items() if inertial and inertial.mass), *carried)
+        return (*(name for name, inertial in inertials.items() if inertial and inertial.mass), *carried)
 
     def with_masses(self, logarithms: Mapping[str, float]) -> Arm:
         """Return the arm with factors on masses and moments of inertia, by their logarithms; see `masses`."""
@@ -366,8 +373,8 @@ class Arm:
                 body = payloads[name.removeprefix(CARRIED)]
                 inertia = None if body.inertia is None else factor * np.asarray(body.inertia)
                 payloads[name.removeprefix(CARRIED)] = replace(body, mass=factor * body.mass, inertia=inertia)
-            elif (own := links[name].inertial) is not None:
-                scaled = replace(own, mass=factor * own.mass, inertia=factor * own.inertia)
+            elif (inertial := links[name].inertial) is not None:
+                scaled = replace(inertial, mass=factor * inertial.mass, inertia=factor * inertial.inertia)
                 links[name] = replace(links[name], inertial=scaled)
         robot = replace(self.robot, urdf=replace(urdf, links=links))
         return replace(self, robot=robot, payloads=payloads, masses=masses)
@@ -465,13 +472,13 @@ class Arm:
         positions = real_array(q, "q")
         single = positions.ndim != 2
         count, given = 0 if single else len(positions), covariates.items() if covariates else ()
-        known = {name: covariate_array(values, name, count) for name, values in given}
-        known = begun_anew(self, known, np.zeros(count) if count else np.array(0.0)) if self.effects else known
-        wrenches = tuple([one.under(self.robot.gravity) for one in wrenches]) if wrenches else ()
+        columns = {name: covariate_array(values, name, count) for name, values in given}
+        columns = begun_anew(self, columns, np.zeros(count) if count else np.array(0.0)) if self.effects else columns
+        wrenches = tuple([wrench.under(self.robot.gravity) for wrench in wrenches]) if wrenches else ()
         if v is not None or a is not None:
             self.robot.check_motion()
         if not single:
-            case = LoadCase(positions, v, a, wrenches, known)  # pyright: ignore[reportArgumentType] - checked there
+            case = LoadCase(positions, v, a, wrenches, columns)  # pyright: ignore[reportArgumentType] - checked there
             batch = deflect_batch(self, payload, case, Asked(method, enforce_limits, allow_large, strict), jobs)
             warn(SOME_NEAR if (batch.found_factors < NEAR).any() else ())
             return batch
@@ -482,12 +489,12 @@ class Arm:
         loaded = self.loaded(payload)  # pyright: ignore[reportArgumentType] - refused there
         if v is not None or a is not None:
             v, a = v if v is None else self.checked(v, "v"), a if a is None else self.checked(a, "a")
-        found = deflect(loaded, LoadCase(checked, v, a, wrenches, known), flags, method, allow_large)
-        if found.solved.load_factor < NEAR:
-            warn(near_buckling(found.solved.load_factor))
+        deflection = deflect(loaded, LoadCase(checked, v, a, wrenches, columns), flags, method, allow_large)
+        if deflection.solved.load_factor < NEAR:
+            warn(near_buckling(deflection.solved.load_factor))
         if strict:
-            found.check_seen()
-        return found
+            deflection.check_seen()
+        return deflection
 
     def total_covariance(
         self,
@@ -528,7 +535,7 @@ class Arm:
         Raises:
             UnknownNameError, InputError: No such payload, method or link.
         """
-        pulled = tuple(one.under(self.robot.gravity) for one in wrenches)
+        pulled = tuple(wrench.under(self.robot.gravity) for wrench in wrenches)
         return Prepared(self.loaded(payload), method, enforce_limits, pulled)
 
     @checked_kinds
@@ -554,8 +561,10 @@ class Arm:
             InputError: The arm has no flexure, or nothing that moves has a mass; else as `deflection`.
             UrdfError: What moves has moments of inertia that no body has.
         """
-        found = self.deflection(q, payload, covariates=covariates, wrenches=wrenches, enforce_limits=enforce_limits)
-        return modes_of(found.solved, count, self.damping_ratio)
+        deflection = self.deflection(
+            q, payload, covariates=covariates, wrenches=wrenches, enforce_limits=enforce_limits
+        )
+        return modes_of(deflection.solved, count, self.damping_ratio)
 
     @checked_kinds
     def check_position(self, q: ArrayLike, enforce_limits: bool = True) -> tuple[Array, tuple[Flag, ...]]:
@@ -615,19 +624,19 @@ class Arm:
     @checked_kinds
     def loaded(self, payload: str | Payload | None) -> LoadedArm:
         """Return the arm with a payload, whose models are kept; raises what `payload` does."""
-        known = self._carried.get(payload) if payload is None or isinstance(payload, str) else None
-        if known is not None:
-            return known
+        carried = self._carried.get(payload) if payload is None or isinstance(payload, str) else None
+        if carried is not None:
+            return carried
         body = self.payload(payload)
         key = (body.mass, tuple(body.com), None if body.inertia is None else tuple(body.inertia))
-        known = self._carried.get(key)
-        if known is None:
+        carried = self._carried.get(key)
+        if carried is None:
             if len(self._carried) >= MAX_PAYLOADS:
                 self._carried.clear()
-            known = self._carried[key] = LoadedArm(self, body)
+            carried = self._carried[key] = LoadedArm(self, body)
         if payload is None or isinstance(payload, str):
-            self._carried[payload] = known
-        return known
+            self._carried[payload] = carried
+        return carried
 
     @cached_property
     def _carried(self) -> dict[tuple | str | None, LoadedArm]:

@@ -131,26 +131,26 @@ _QUANTITY = re.compile(r"\s*([-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?)\s*([
 
 def no_unit(name: str, kind: str) -> str:
     """Return what is said of a name that is no unit of a kind of quantity: `mn` is rather mm than m."""
-    letters, known = name.strip("0123456789. "), UNITS[kind]
-    alike = [unit for unit in known if len(unit) == len(letters) and unit[0].lower() == letters[0].lower()]
-    hint = did_you_mean(letters, alike) or did_you_mean(letters, known)
-    return f"{name!r} is no unit of {kind}{hint} ({', '.join(known)})"
+    letters, units = name.strip("0123456789. "), UNITS[kind]
+    alike = [unit for unit in units if len(unit) == len(letters) and unit[0].lower() == letters[0].lower()]
+    hint = did_you_mean(letters, alike) or did_you_mean(letters, units)
+    return f"{name!r} is no unit of {kind}{hint} ({', '.join(units)})"
 
 
 def parse_quantity(text: str, kind: str) -> float:
     """Return a quantity such as '5mm' in SI; raise `UnitError` where the unit is missing or of another kind."""
     match = _QUANTITY.fullmatch(text)
-    known = UNITS[kind]
+    units = UNITS[kind]
     if match is None or not match[2]:
-        unit = next(iter(known))
+        unit = next(iter(units))
         example = f"5{SHOWN.get(unit, (unit,))[0]}"
         article = "an" if kind[0] in "aeiou" else "a"
-        raise UnitError(f"{text!r}: expected {article} {kind} with its unit, such as {example} ({', '.join(known)})")
-    if match[2] not in known:
+        raise UnitError(f"{text!r}: expected {article} {kind} with its unit, such as {example} ({', '.join(units)})")
+    if match[2] not in units:
         raise UnitError(f"{text!r}: {no_unit(match[2], kind)}")
     if not np.isfinite(value := float(match[1])):
         raise UnitError(f"{text!r} is not a finite {kind}")
-    return value * known[match[2]]
+    return value * units[match[2]]
 
 
 def real_array(values: ArrayLike, name: str) -> Array:
@@ -285,7 +285,7 @@ def printable(text: str, keep: str = "") -> str:
 
     A terminal would obey them: colours, a moved cursor, a title of the window, lines that nobody wrote.
     """
-    return _UNPRINTABLE.sub(lambda found: found[0] if found[0] in keep else _shown(found[0]), text)
+    return _UNPRINTABLE.sub(lambda match: match[0] if match[0] in keep else _shown(match[0]), text)
 
 
 def unprintable(text: str) -> tuple[int, str] | None:
@@ -293,10 +293,10 @@ def unprintable(text: str) -> tuple[int, str] | None:
 
     Tabs and line breaks have a use: in a remark.
     """
-    found = next((found for found in _UNPRINTABLE.finditer(text) if found[0] not in _BREAKS), None)
-    if found is None:
+    match = next((match for match in _UNPRINTABLE.finditer(text) if match[0] not in _BREAKS), None)
+    if match is None:
         return None
-    return found.start(), f"holds the character {_shown(found[0])}, which cannot be shown: expected letters"
+    return match.start(), f"holds the character {_shown(match[0])}, which cannot be shown: expected letters"
 
 
 def _shown(letter: str) -> str:

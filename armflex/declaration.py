@@ -67,17 +67,17 @@ class Source:
     @cached_property
     def lines(self) -> dict[Keys, int]:
         """Line of every table header and key."""
-        found: dict[Keys, int] = {}
+        lines: dict[Keys, int] = {}
         counts: dict[Keys, int] = {}
         table: Keys = ()
         for words, line in _statements(self.text):
             if words[0] == "[":
                 is_array = words[1] == "["
                 table = _opened(_names(words), is_array, counts)
-                found.setdefault(table, line)
+                lines.setdefault(table, line)
             elif "=" in words:
-                found.setdefault((*table, *_names(words[: words.index("=")])), line)
-        return found
+                lines.setdefault((*table, *_names(words[: words.index("=")])), line)
+        return lines
 
 
 def _statements(text: str) -> Iterator[tuple[list[str], int]]:
@@ -204,7 +204,7 @@ class Declaration:
 
     def quantity(self, key: str, kind: str, default: float = 0.0) -> float:
         """Return a number in SI, or `default`; the key may end in a unit of its kind, as a table's header: `d_mm`."""
-        given = [one for one in self.table if one == key or one.startswith(f"{key}_")]
+        given = [name for name in self.table if name == key or name.startswith(f"{key}_")]
         self.known |= {key, *given}
         if not given:
             return default
@@ -311,14 +311,14 @@ def read_toml(path: Path) -> Declaration:
     except UnicodeDecodeError:
         raise ArmFileError(Place(path), "is not UTF-8 text: save it as UTF-8") from None
     source = Source(path, text)
-    if found := DEEP.search(text):  # which tomllib reads in a time that grows with the square of its parts
-        where = Place(path, text.count("\n", 0, found.end()) + 1)
+    if deep := DEEP.search(text):  # which tomllib reads in a time that grows with the square of its parts
+        where = Place(path, text.count("\n", 0, deep.end()) + 1)
         raise ArmFileError(where, f"nested deeper than {MAX_DEPTH} tables or lists")
     try:
         root = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        found = re.search(r"line (\d+)", str(error))
-        line = int(found[1]) if found else 0
+        line_text = re.search(r"line (\d+)", str(error))
+        line = int(line_text[1]) if line_text else 0
         raise ArmFileError(Place(path, line), f"not valid TOML: {error}{source.comma_in(line)}") from None
     except RecursionError:
         raise ArmFileError(Place(path), f"nested deeper than {MAX_DEPTH} tables or lists") from None
@@ -339,8 +339,8 @@ def _check_values(root: dict[str, Any], source: Source) -> None:
         if isinstance(value, int) and not -LARGEST_INTEGER <= value < LARGEST_INTEGER:
             raise ArmFileError(source.place(keys), "not valid TOML: an integer has more than 64 bits")
         for word in [*(value if isinstance(value, dict) else ()), *([value] if isinstance(value, str) else ())]:
-            if found := unprintable(word):
+            if bad := unprintable(word):
                 at = (*keys, word) if isinstance(value, dict) else keys
-                raise ArmFileError(source.place(at), f"{word!r} {found[1]}")
+                raise ArmFileError(source.place(at), f"{word!r} {bad[1]}")
         inside = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
         stack.extend((item, (*keys, key)) for key, item in inside)

@@ -93,8 +93,8 @@ class LinearGaussian:
     @cached_property
     def scale(self) -> Array:
         """(P,) S, in the parameters' units: one over the root of a parameter's own information, 1 where it has none."""
-        own = np.diag(self.information)
-        return np.where(own > 0.0, 1.0 / np.sqrt(np.where(own > 0.0, own, 1.0)), 1.0)
+        diagonal = np.diag(self.information)
+        return np.where(diagonal > 0.0, 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)), 1.0)
 
     @cached_property
     def alone(self) -> np.ndarray:
@@ -157,8 +157,8 @@ class LinearGaussian:
     def covariance(self) -> Array:
         """(P, P) posterior covariance of what is determined."""
         size, axes, _ = self._axes
-        found = self.scale[:, None] * axes
-        return found / size @ found.T + np.diag(np.where(self.alone, self.scale**2, 0.0))
+        factor = self.scale[:, None] * axes
+        return factor / size @ factor.T + np.diag(np.where(self.alone, self.scale**2, 0.0))
 
     @cached_property
     def null_space(self) -> Array:
@@ -175,8 +175,8 @@ class LinearGaussian:
         """Return the (n,) squares of (n, P) rows by the covariance, which is not formed; most may be zero in them."""
         moving = rows.any(axis=0)
         size, axes, _ = self._axes
-        own = rows[:, moving] * self.scale[moving]
-        return ((own @ axes[moving]) ** 2 / size).sum(axis=1) + (own[:, self.alone[moving]] ** 2).sum(axis=1)
+        scaled = rows[:, moving] * self.scale[moving]
+        return ((scaled @ axes[moving]) ** 2 / size).sum(axis=1) + (scaled[:, self.alone[moving]] ** 2).sum(axis=1)
 
     def solve(self, score: Array) -> Array:
         """Return N^-1 times a (P,) score J'y: the most probable values, in the parameters' units; or of (P, k) each."""
@@ -184,12 +184,12 @@ class LinearGaussian:
             return self.solve(score[:, None])[:, 0]
         size, axes, _ = self._axes
         scaled = self.scale[:, None] * score
-        own = np.where(self.alone[:, None], scaled, 0.0)
-        return self.scale[:, None] * (axes @ ((axes.T @ scaled) / size[:, None]) + own)
+        alone = np.where(self.alone[:, None], scaled, 0.0)
+        return self.scale[:, None] * (axes @ ((axes.T @ scaled) / size[:, None]) + alone)
 
-    def conditional(self, some: np.ndarray) -> LinearGaussian:
-        """Return what is known of the parameters at `some` places when the values of all others are known."""
-        return LinearGaussian(self.information[np.ix_(some, some)])
+    def conditional(self, places: np.ndarray) -> LinearGaussian:
+        """Return what is known of the parameters at `places` places when the values of all others are known."""
+        return LinearGaussian(self.information[np.ix_(places, places)])
 
     def with_rows(self, rows: Array) -> LinearGaussian:
         """Return what is known after further readings, from their whitened Jacobian (..., P)."""
@@ -232,19 +232,19 @@ def squared(jacobian: Array) -> Array:
     Their products are exactly zero where no reading moves with both, as `LinearGaussian` looks for.
     """
     rows, count = jacobian.shape
-    some = np.zeros(count, dtype=bool)
+    few = np.zeros(count, dtype=bool)
     if count > MANY:
-        some = np.count_nonzero(jacobian, axis=0) * MANY < rows
-    if some.sum() < MANY:
+        few = np.count_nonzero(jacobian, axis=0) * MANY < rows
+    if few.sum() < MANY:
         return jacobian.T @ jacobian
     from scipy.sparse import csr_array  # not needed to import the package
 
-    sparse, dense, found = csr_array(jacobian[:, some].T), jacobian[:, ~some], np.empty((count, count))
-    found[np.ix_(~some, ~some)] = dense.T @ dense
+    sparse, dense, squares = csr_array(jacobian[:, few].T), jacobian[:, ~few], np.empty((count, count))
+    squares[np.ix_(~few, ~few)] = dense.T @ dense
     between = sparse @ dense
-    found[np.ix_(some, ~some)], found[np.ix_(~some, some)] = between, between.T
-    found[np.ix_(some, some)] = (sparse @ sparse.T).toarray()
-    return found
+    squares[np.ix_(few, ~few)], squares[np.ix_(~few, few)] = between, between.T
+    squares[np.ix_(few, few)] = (sparse @ sparse.T).toarray()
+    return squares
 
 
 def most_probable(jacobian: Array, precision: Array, readings: Array) -> Array:

@@ -152,8 +152,12 @@ def of_masses(names: Iterable[str]) -> tuple[ArmParameter, ...]:
 
 def of_springs(springs: Iterable[Spring]) -> tuple[ArmParameter, ...]:
     """Return what calibration may find of springs; see `mechanics.spring`."""
-    pairs = [(Group(ParameterKind.SPRING, spring.name), one) for spring in springs for one in spring.law.parameters]
-    return tuple(ArmParameter(group, *one) for group, one in pairs)
+    pairs = [
+        (Group(ParameterKind.SPRING, spring.name), parameter)
+        for spring in springs
+        for parameter in spring.law.parameters
+    ]
+    return tuple(ArmParameter(group, *parameter) for group, parameter in pairs)
 
 
 def of_compliance(flexure: str) -> tuple[ArmParameter, ...]:
@@ -163,7 +167,7 @@ def of_compliance(flexure: str) -> tuple[ArmParameter, ...]:
 
 def of_law(flexure: str, law: Law, kind: ParameterKind = ParameterKind.LAW) -> tuple[ArmParameter, ...]:
     """Return the parameters of a flexure's law that was learned, or is scaled (`ParameterKind.COMPLIANCE`)."""
-    return tuple(ArmParameter(Group(kind, flexure), one.name) for one in law.parameters)
+    return tuple(ArmParameter(Group(kind, flexure), parameter.name) for parameter in law.parameters)
 
 
 def fitted_group(flexure: Flexure) -> Group:
@@ -180,10 +184,12 @@ def of_effect(effect: Effect, number: int) -> tuple[ArmParameter, ...]:
     group, law = Group(ParameterKind.EFFECT, f"{effect.name}{numbered(number)}", moves), effect.law
     units = dict(zip(effect.named, effect.units, strict=True))
     amplitudes = tuple(
-        ArmParameter(group, one.name, units[one.name]) for one in (law.amplitudes[i] for i in effect.location.terms)
+        ArmParameter(group, amplitude.name, units[amplitude.name])
+        for amplitude in (law.amplitudes[i] for i in effect.location.terms)
     )
     return amplitudes + tuple(
-        ArmParameter(group, one.name, "1" if one.positive else units.get(one.name, one.unit)) for one in law.inner
+        ArmParameter(group, inner.name, "1" if inner.positive else units.get(inner.name, inner.unit))
+        for inner in law.inner
     )
 
 
@@ -201,30 +207,32 @@ def numbered(number: int) -> str:
     return f" #{number}" if number > 1 else ""
 
 
-def named(labels: Iterable[str], known: Sequence[tuple[ArmParameter, str]]) -> tuple[ArmParameter, ...]:
+def named(labels: Iterable[str], labelled: Sequence[tuple[ArmParameter, str]]) -> tuple[ArmParameter, ...]:
     """Return the parameters that labels name; one that is not known stays what it is called, of no arm's part.
 
     Args:
         labels: As files have them.
-        known: Parameters with what they may be called. Where several have one name the label means one of the group
+        labelled: Parameters with what they may be called. Where several have one name the label means one of the group
             that was named last, else the first that was not named yet.
     """
     called: dict[str, list[ArmParameter]] = {}
-    for parameter, label in known:
+    for parameter, label in labelled:
         called.setdefault(label, []).append(parameter)
-    found: list[ArmParameter] = []
+    parameters: list[ArmParameter] = []
     for label in labels:
-        some = called.get(label, [])
-        if len(some) > 1:
-            last = found[-1].group if found else None
-            some = [one for one in some if one.group == last] or [one for one in some if one not in found]
-        if not some:
+        candidates = called.get(label, [])
+        if len(candidates) > 1:
+            last = parameters[-1].group if parameters else None
+            candidates = [parameter for parameter in candidates if parameter.group == last] or [
+                parameter for parameter in candidates if parameter not in parameters
+            ]
+        if not candidates:
             kind = next((kind for kind in ParameterKind if label.startswith(f"{kind} ")), None)
             if kind is None:
                 raise UnknownNameError("parameter", label, called)
-            some = [ArmParameter(Group(kind, label.removeprefix(f"{kind} ")))]
-        found.append(some[0])
-    return tuple(found)
+            candidates = [ArmParameter(Group(kind, label.removeprefix(f"{kind} ")))]
+        parameters.append(candidates[0])
+    return tuple(parameters)
 
 
 ABSURD = 10.0
@@ -307,8 +315,8 @@ class Certainty:
     def among(self, parameters: Sequence[ArmParameter]) -> Array | None:
         """Return the (k, k) covariance of k parameters in their units, None where it is not known of each."""
         places = {parameter: i for i, parameter in enumerate(self.parameters)}
-        own = [places.get(parameter, -1) for parameter in parameters]
-        return None if -1 in own else self.covariance[np.ix_(own, own)]
+        rows = [places.get(parameter, -1) for parameter in parameters]
+        return None if -1 in rows else self.covariance[np.ix_(rows, rows)]
 
     def part(self, places: Sequence[int]) -> Certainty:
         """Return what is known of the parameters at some places, in this order."""

@@ -77,10 +77,10 @@ class Result:
         return f"<p>{html.escape(repr(self)[1:-1])}</p><table><tr>{head}</tr>{cells}</table>{more}"
 
 
-def record(one: object, names: str = "", **renamed: str) -> dict[str, Any]:
+def record(result: object, names: str = "", **renamed: str) -> dict[str, Any]:
     """Return attributes of an object: some by their names, others, or attributes of these, under another name."""
     paths = {name: name for name in names.split()} | renamed
-    return {name: attrgetter(path)(one) for name, path in paths.items()}
+    return {name: attrgetter(path)(result) for name, path in paths.items()}
 
 
 def scaled(errors: Any, factor: float) -> Any:
@@ -107,24 +107,24 @@ def plain(value: Any) -> Any:
         return {key: item for key, item in pairs if item is not LEFT_OUT}
     if isinstance(value, Sequence):
         return [item for item in map(plain, value) if item is not LEFT_OUT]
-    if is_dataclass(value) and all(plain(getattr(value, one.name)) is not LEFT_OUT for one in fields(value)):
-        return {one.name: plain(getattr(value, one.name)) for one in fields(value)}
+    if is_dataclass(value) and all(plain(getattr(value, field.name)) is not LEFT_OUT for field in fields(value)):
+        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
     return LEFT_OUT
 
 
 def _flat(row: Mapping[str, Any]) -> dict[str, Any]:
     """Return a row with the numbers of its lists by themselves."""
-    found: dict[str, Any] = {}
+    flat: dict[str, Any] = {}
     for name, value in row.items():
         inside = enumerate(value) if isinstance(value, list) else value.items() if isinstance(value, dict) else None
-        found |= {name: value} if inside is None else {f"{name}_{key}": item for key, item in inside}
-    return found
+        flat |= {name: value} if inside is None else {f"{name}_{key}": item for key, item in inside}
+    return flat
 
 
 def _brief(value: Any) -> str:
     """Return a value in a word: numbers with four digits, what is long by its length."""
     if isinstance(value, float):
         return f"{value:.4g}"
-    if isinstance(value, list | dict) and (len(value) > 3 or any(isinstance(one, list | dict) for one in value)):
+    if isinstance(value, list | dict) and (len(value) > 3 or any(isinstance(part, list | dict) for part in value)):
         return f"{len(value)} values"
     return "[" + ", ".join(map(_brief, value)) + "]" if isinstance(value, list) else str(value)

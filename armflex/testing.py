@@ -174,7 +174,7 @@ def check_reading(kind: type[Kind], example: str) -> None:
         ArmFileError: The example cannot be read.
     """
     heavy, name = _heavy(), "example"
-    word = next((word for word, known in SENSOR_KINDS.items() if known is kind), name)
+    word = next((word for word, declared in SENSOR_KINDS.items() if declared is kind), name)
     text = f'kind = "{word}"\n{example}'
     table = Declaration(tomllib.loads(text), ("instrument", name), Source(Path("example"), text))
     with SENSOR_KINDS.entered(word, kind):
@@ -310,12 +310,12 @@ def _check_effect_at(effect: Effect, setup: Setup, campaign: Measurements, view:
         message = f"{where}: change by {block.labels[place]}"
         np.testing.assert_allclose(by_values[:, :, place], quotient, rtol=0, atol=2e-2 * scale, err_msg=message)
     arm = setup.with_effect(effect).arm
-    known = {name: float(np.asarray(values)[0]) for name, values in known_rows(arm, campaign).items()}
+    columns = {name: float(np.asarray(values)[0]) for name, values in known_rows(arm, campaign).items()}
     if effect.law.act is Act.TWIST:
-        _check_deflections(arm, known)
+        _check_deflections(arm, columns)
         implied = {f"q_{joint}" for joint in arm.joint_names} | {"payload_mass", "hold", "time"}
         for name in set(effect.location.covariates) - implied:
-            given = {other: value for other, value in known.items() if other != name}
+            given = {other: value for other, value in columns.items() if other != name}
             try:
                 arm.deflection(campaign.q[0], PAYLOAD, covariates=given)
             except MissingCovariateError as error:

@@ -106,17 +106,17 @@ class Points(NamedTuple):
         Of the sides that joints come from `of_side` is asked, where it is given.
         """
         v, a, target = (None if values is None else of(values) for values in (self.v, self.a, self.target))
-        known = {
+        columns = {
             name: (of_side if of_side and name.startswith(APPROACH) else of)(values)
             for name, values in self.covariates.items()
         }
-        return Points(of(self.time), of(self.q), payload, v, a, known, target, wrenches)
+        return Points(of(self.time), of(self.q), payload, v, a, columns, target, wrenches)
 
     @property
     def asked(self) -> dict[str, Any]:
         """Motion, loads and what else is known of the points, as `Arm.deflection` takes them."""
-        known = {"time": self.time, **self.covariates}
-        return {"v": self.v, "a": self.a, "covariates": known, "wrenches": self.wrenches}
+        columns = {"time": self.time, **self.covariates}
+        return {"v": self.v, "a": self.a, "covariates": columns, "wrenches": self.wrenches}
 
 
 @checked_init
@@ -213,7 +213,10 @@ class Trajectory(Result):
             # At its end a stretch is at the next row to the last digit.
             return np.where(steps == 1.0, there, values[segments] + steps * (there - values[segments]))
 
-        payload, pulled = [self.payload[i] for i in segments.tolist()], tuple(one.each(part) for one in self.wrenches)
+        payload, pulled = (
+            [self.payload[i] for i in segments.tolist()],
+            tuple(wrench.each(part) for wrench in self.wrenches),
+        )
         # On the way to a row the joints move as they do when they get there.
         return self.points.each(payload, pulled, part, lambda values: values[segments + 1])
 
@@ -253,7 +256,7 @@ class Trajectory(Result):
         Raises:
             InputError: Rows have loads already, or are beyond the table.
         """
-        hung = tuple(one for one in self.wrenches if one.hangs)
+        hung = tuple(wrench for wrench in self.wrenches if wrench.hangs)
         if len(hung) < len(self.wrenches):
             raise InputError(f"rows name forces already, which those of {table.path} would be beside")
         lengths = self.lengths(arm)
@@ -262,7 +265,7 @@ class Trajectory(Result):
         if table.varies and 0.0 < used < COVERED * whole:
             text = f"the path is {used:.3g} m long, {table.path} goes over {whole:.3g} m"
             flags = (Flag("force_table", f"{text}: is its s in mm? Then call the column s_mm"),)
-        if lost > NOTICED * max((one.sizes[0] for one in table.wrenches), default=0.0):
+        if lost > NOTICED * max((wrench.sizes[0] for wrench in table.wrenches), default=0.0):
             text = f"loads are linear between rows, which leaves out up to {lost:.3g} N of {table.path}: give more rows"
             flags = (*flags, Flag("force_table", text))
         return replace(self, wrenches=(*hung, *table.at(lengths))), flags
@@ -281,13 +284,13 @@ class Trajectory(Result):
             theirs = f"the desired path is of joints {', '.join(desired.joint_names)}"
             raise InputError(f"{theirs}, this one of {', '.join(self.joint_names)}")
         late = np.abs(desired.time - self.time) > SHORTEST * np.maximum(1.0, np.abs(self.time))
-        for i, (own, wanted) in enumerate(zip(self.via, desired.via, strict=True)):
+        for i, (via, wanted) in enumerate(zip(self.via, desired.via, strict=True)):
             place = f"{desired.places[i]}: " if desired.places else ""
             if late[i]:
                 raise InputError(f"{place}row {i} of the desired path is at {desired.time[i]:.9g} s, "
                                  f"this one's at {self.time[i]:.9g} s")  # fmt: skip
-            if own != wanted:
-                raise InputError(f"{place}row {i} of the desired path is via-point {wanted!r}, this one's is {own!r}")
+            if via != wanted:
+                raise InputError(f"{place}row {i} of the desired path is via-point {wanted!r}, this one's is {via!r}")
         return replace(self, target=desired.q[:, [desired.joint_names.index(name) for name in self.joint_names]])
 
     @property
@@ -299,9 +302,9 @@ class Trajectory(Result):
 
     def asked(self, i: int) -> dict[str, Any]:
         """Return row i's motion, loads and what else is known of it as `Arm.deflection` takes them."""
-        known = {name: values[i] for name, values in self.covariates.items()}
+        columns = {name: values[i] for name, values in self.covariates.items()}
         pulled = wrenches_in(self.wrenches, i)
-        return {**self.motion(i), "covariates": {"time": self.time[i], **known}, "wrenches": pulled}
+        return {**self.motion(i), "covariates": {"time": self.time[i], **columns}, "wrenches": pulled}
 
     @checked_kinds
     def with_constants(self, arm: Arm, constants: Mapping[str, float]) -> Trajectory:
@@ -332,9 +335,9 @@ class Trajectory(Result):
         ordered = self.for_arm(arm)
         if not arm.effects:
             return ordered
-        known = known_rows(arm, ordered)
+        columns = known_rows(arm, ordered)
         # A payload's mass goes with the payload, and time with the rows.
-        kept = {name: values for name, values in known.items() if name not in (MASS, "time")}
+        kept = {name: values for name, values in columns.items() if name not in (MASS, "time")}
         return replace(ordered, covariates=kept)
 
     def derived_directions(self, arm: Arm) -> tuple[Flag, ...]:
@@ -375,16 +378,16 @@ class Trajectory(Result):
 
         payload = tuple(np.insert(np.array(self.payload, dtype=object), after, [self.payload[i - 1] for i in after]))
         via = tuple(np.insert(np.array(self.via, dtype=object), after, ""))
-        pulled = tuple(one.each(insert) for one in self.wrenches)
-        found = self.points.each(
+        pulled = tuple(wrench.each(insert) for wrench in self.wrenches)
+        points = self.points.each(
             payload, pulled, insert, lambda values: np.insert(values, after, values[after], axis=0)
         )
-        return replace(self, **found._asdict(), via=via, places=())
+        return replace(self, **points._asdict(), via=via, places=())
 
 
-def as_trajectory(found: Trajectory | Tabular, arm: Arm) -> Trajectory:
+def as_trajectory(path: Trajectory | Tabular, arm: Arm) -> Trajectory:
     """Return a path as it is, or what `read_trajectory` makes of a file or a data frame."""
-    return found if isinstance(found, Trajectory) else read_trajectory(found, arm)
+    return path if isinstance(path, Trajectory) else read_trajectory(path, arm)
 
 
 @checked_kinds
@@ -403,15 +406,15 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
     """
     names = {prefix: [f"{prefix}_{joint}" for joint in arm.joint_names] for prefix in ("q", "v", "a", TARGET)}
     kinds = {"time": "time"} | joint_kinds(arm, "qva") | FORCE_KINDS
-    kinds |= {name: kinds[own] for name, own in zip(names[TARGET], names["q"], strict=True)}
+    kinds |= {name: kinds[driven] for name, driven in zip(names[TARGET], names["q"], strict=True)}
     table = read_table(path, kinds)
     check_same_arm(table, arm)
     table.require(["time", *names["q"]])
-    known = [*kinds, *FORCE_TEXTS, "payload", "via"]
-    others = [name for name in table.columns if name not in known]
+    columns = [*kinds, *FORCE_TEXTS, "payload", "via"]
+    others = [name for name in table.columns if name not in columns]
     check_load_names(table, arm, others)
     check_asked(table, arm, others)
-    check_unknown(table, others, known, [*arm.joint_names, *arm.robot.locked])
+    check_unknown(table, others, columns, [*arm.joint_names, *arm.robot.locked])
     remarks = [name for name in others if are_remarks(table.texts(name))]
     warn(
         [Flag("text_column", f"column {name!r} is text: nothing depends on it, and it is left out") for name in remarks]

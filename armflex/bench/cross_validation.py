@@ -138,21 +138,21 @@ def compare(
     step: Step | None = None,
 ) -> tuple[Compared, ...]:
     """Return every candidate's errors over repeats of the same random folds, or why it has none; `step` as above."""
-    found = []
+    compared = []
     for candidate in candidates:
         began, reason = time.perf_counter(), ""
         try:
             parts = [
-                hold_out(candidate.learner, data, random_folds(len(data), folds, own), own, step).residual ** 2
-                for own in range(seed, seed + repeats)
+                hold_out(candidate.learner, data, random_folds(len(data), folds, run), run, step).residual ** 2
+                for run in range(seed, seed + repeats)
             ]
             squares = np.mean(parts, axis=0)
             if np.isnan(squares).any():
                 squares, reason = np.full_like(squares, np.inf), "it could not be chosen any more"
         except InputError as error:  # too few rows for this model: it is no candidate
             squares, reason = np.full_like(data.deflections, np.inf), str(error)
-        found.append(Compared(candidate.name, candidate.model, squares, reason, time.perf_counter() - began))
-    return tuple(found)
+        compared.append(Compared(candidate.name, candidate.model, squares, reason, time.perf_counter() - began))
+    return tuple(compared)
 
 
 def race(candidates: Sequence[Candidate], data: JointData, seed: int, folds: int, least: Array) -> int:
@@ -163,8 +163,8 @@ def race(candidates: Sequence[Candidate], data: JointData, seed: int, folds: int
     the best candidate's over all rows, and its loss above the best one's, it cannot be, and the scale of no column is
     its own.
     """
-    found = compare(candidates[:-1], data, seed, folds, 1)
-    means = np.array([one.squares.mean(axis=0) for one in found])
+    compared = compare(candidates[:-1], data, seed, folds, 1)
+    means = np.array([candidate.squares.mean(axis=0) for candidate in compared])
     scale = np.maximum(means.min(axis=0), np.square(least))
     best = float((means / scale).mean(axis=1).min()) if np.isfinite(scale).all() else np.inf
 
@@ -172,7 +172,7 @@ def race(candidates: Sequence[Candidate], data: JointData, seed: int, folds: int
         at_least = np.nansum(residual**2, axis=0) / len(residual)
         return bool((at_least < means.min(axis=0)).any() or (at_least / scale).mean() <= best)
 
-    return chosen([*found, *compare(candidates[-1:], data, seed, folds, 1, step)], least)
+    return chosen([*compared, *compare(candidates[-1:], data, seed, folds, 1, step)], least)
 
 
 def negligible(deflections: Array) -> Array:
@@ -190,10 +190,10 @@ def chosen(compared: Sequence[Compared], least: Array | float = 0.0) -> int:
     Raises:
         InputError: None of them could be fitted.
     """
-    scale = np.maximum(np.min([one.squares.mean(axis=0) for one in compared], axis=0), np.square(least))
+    scale = np.maximum(np.min([candidate.squares.mean(axis=0) for candidate in compared], axis=0), np.square(least))
     if not np.isfinite(scale).all():
         raise InputError(f"no model could be fitted, not even {compared[0].name!r}: {compared[0].reason}")
-    losses = [(one.squares / scale).mean(axis=1) for one in compared]
+    losses = [(candidate.squares / scale).mean(axis=1) for candidate in compared]
     means = [float(loss.mean()) for loss in losses]
     best = int(np.argmin(means))
     limit = means[best] + float(losses[best].std(ddof=1)) / np.sqrt(len(losses[best]))

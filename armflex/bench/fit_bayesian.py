@@ -149,8 +149,8 @@ def fit_bayesian(
     if sampler not in SAMPLERS:
         raise UnknownNameError("sampler", sampler, SAMPLERS)
     if sampler == "laplace":
-        found = fit_network(loads, deflections, neurons, starts=STARTS, seed=seed)
-        return Fitted(found.law, {**found.parameters, "sampler": sampler})
+        network = fit_network(loads, deflections, neurons, starts=STARTS, seed=seed)
+        return Fitted(network.law, {**network.parameters, "sampler": sampler})
     problem, scaling = scaled_problem(loads, deflections, neurons)
     prior = prior or evident_prior(problem, seed)
     posterior = sample(problem, sampler, seed, chains, draws or DRAWS[sampler], prior)
@@ -201,8 +201,8 @@ def sample(problem: NetworkProblem, sampler: str, seed: int, chains: int, draws:
     for walk in WALKS[sampler]:
         seeds = np.random.SeedSequence(seed).spawn(chains)
         pairs = zip(modes, seeds, strict=True)
-        found = list(in_order(partial(walk, density, mode, draws, own) for mode, own in pairs))
-        posterior = _judged(problem, found, time.perf_counter() - began)
+        walks = list(in_order(partial(walk, density, mode, draws, sequence) for mode, sequence in pairs))
+        posterior = _judged(problem, walks, time.perf_counter() - began)
         if not shortcomings(posterior.diagnostics):
             break
     return posterior
@@ -240,7 +240,7 @@ def _metropolis_chain(density: Collapsed, mode: Array, draws: int, seed: np.rand
     )
 
     problem, prior = density.problem, density.prior
-    own, start = prior.precisions[problem.groups], density.mean(mode)
+    precisions, start = prior.precisions[problem.groups], density.mean(mode)
     covariance = scale_of(problem.count) * laplace(problem, start, prior.precisions, density.noise(mode)).covariance
     chain = adaptive_metropolis(
         lambda weights: ((predictions(problem, weights) - problem.y) ** 2).sum(axis=0),
@@ -250,7 +250,7 @@ def _metropolis_chain(density: Collapsed, mode: Array, draws: int, seed: np.rand
         seed,
         Adaptation(covariance, after=10 * problem.count, every=ADAPT_EVERY),
         burn_in=draws,
-        log_prior=lambda weights: -0.5 * float(own @ weights**2),
+        log_prior=lambda weights: -0.5 * float(precisions @ weights**2),
         noise_prior=(prior.noise_shape, prior.noise_scale),
     )
     stride = -(-draws // KEPT)
@@ -302,19 +302,19 @@ class Collapsed:
             return self._density(theta)
 
     def _density(self, theta: Array) -> tuple[float, Array]:
-        log_noise, weights, (own, output) = theta[self._split :], theta[: self._split], self._precisions
+        log_noise, weights, (of_weights, output) = theta[self._split :], theta[: self._split], self._precisions
         basis, parts, means, halves = self._conditional(theta)
         errors = self._data[1] - means @ basis
         squares = np.einsum("kn,kn->k", errors, errors)
         log_roots = np.log(np.diagonal(halves, 0, 1, 2)).sum()  # of 1 / |G_k|, all outputs
         rows, pulls = len(self.problem.x) + 2.0 * self.prior.noise_shape, squares + 2.0 * self.prior.noise_scale
-        cost = pulls @ parts + (means**2 @ output).sum() + weights @ (own * weights)
+        cost = pulls @ parts + (means**2 @ output).sum() + weights @ (of_weights * weights)
         taken = np.einsum("kij,kij,j->k", halves, halves, output)  # tr(G^-1 P)
         # By the basis B it is sum_k ((y - B m) m^T - B G^-1) / s^2.
         scaled, hidden = (halves * np.sqrt(parts)[:, None, None]).reshape(-1, len(basis)), basis[:-1]
         slope = (means * parts[:, None])[:, :-1].T @ errors - (scaled[:, :-1].T @ scaled) @ basis
         slope *= hidden * (1.0 - hidden)
-        pull = (slope @ self._data[0].T).ravel() - own * weights
+        pull = (slope @ self._data[0].T).ravel() - of_weights * weights
         gradient = np.concatenate([pull, pulls * parts + len(basis) - taken - rows])
         return float(self._constant + log_roots - rows * log_noise.sum() - 0.5 * cost), gradient
 
@@ -365,10 +365,10 @@ def maximum(density: Collapsed, start: Array) -> Array:
     if not np.isfinite(density(start)[0]):
         raise NotFiniteError("log density of a network is not finite where the search for its maximum starts")
     options = {"maxiter": 400, "maxcor": 30}
-    found = minimize(falling, start, jac=True, method="L-BFGS-B", options=options).x
-    if not np.isfinite(density(found)[0]):
+    weights = minimize(falling, start, jac=True, method="L-BFGS-B", options=options).x
+    if not np.isfinite(density(weights)[0]):
         raise NotFiniteError("log density of a network is not finite where the search for its maximum ended")
-    return found
+    return weights
 
 
 def whitening(density: Collapsed, theta: Array) -> Array:

@@ -139,13 +139,13 @@ def _values(loads: Array, names: Sequence[str]) -> Array:
 
 
 def _law(
-    names: Sequence[str], values: Array, loads: Array, deflections: Array, own: Sequence[Sequence[int]]
+    names: Sequence[str], values: Array, loads: Array, deflections: Array, places_of: Sequence[Sequence[int]]
 ) -> PolynomialLaw:
-    """Return the law of (N, F) features in which each deflection follows `own` of them."""
-    used, size = sorted({place for places in own for place in places}), len(own)
+    """Return the law of (N, F) features in which each deflection follows `places_of` of them."""
+    used, size = sorted({place for places in places_of for place in places}), len(places_of)
     coefficients, covariance = np.zeros((len(used), size)), np.zeros((size, len(used), len(used)))
     scatter = np.zeros(size)
-    for i, places in enumerate(own):
+    for i, places in enumerate(places_of):
         inside, target, at = values[:, list(places)], deflections[:, i], np.searchsorted(used, places)
         coefficients[at, i] = least_squares(inside, target)
         scatter[i] = scatter_of(deflections, target - inside @ coefficients[at, i], len(at))
@@ -163,10 +163,10 @@ class _Bench:
 
     def places(self, terms: Sequence[str], column: int) -> list[int]:
         """Return the features of one deflection with some terms, its own load first."""
-        own = WRENCH_NAMES[column]
-        others = [name for name in WRENCH_NAMES[: self.deflections.shape[1]] if name != own]
-        found = [own, *(others if COUPLING in terms else ()), *(term for term in terms if term != COUPLING)]
-        return [self.names.index(name) for name in found]
+        along = WRENCH_NAMES[column]
+        others = [name for name in WRENCH_NAMES[: self.deflections.shape[1]] if name != along]
+        names = [along, *(others if COUPLING in terms else ()), *(term for term in terms if term != COUPLING)]
+        return [self.names.index(name) for name in names]
 
     def left(self, places: Sequence[int], values: Array) -> tuple[Array, int]:
         """Return what some features do not follow of (N, ...) values, and how many of them are independent."""
@@ -213,10 +213,10 @@ def fit_terms(loads: Array, deflections: Array, seed: int) -> Fitted:
     names = features_of(("radial", "magnitude", "absolute", "quadratic"), size)
     values = _values(loads, names)
     bench = _Bench(deflections, values / np.maximum(np.linalg.norm(values, axis=0), 1e-300), names)
-    found: list[dict[str, str | float]] = []
+    terms: list[dict[str, str | float]] = []
     kept: list[str] = []
     while (term := _next(bench, kept, np.random.default_rng(seed))) is not None:
-        found.append(term)
+        terms.append(term)
         kept.append(str(term["name"]))
     while kept:
         worth = {name: bench.worth([other for other in kept if other != name], name) for name in kept}
@@ -224,8 +224,8 @@ def fit_terms(loads: Array, deflections: Array, seed: int) -> Fitted:
         if worth[weakest] >= LEAST:
             break
         kept.remove(weakest)
-    own = [_earning(bench, i, bench.places(kept, i)) for i in range(size)]
-    return Fitted(_law(names, values, loads, deflections, own), {"terms": found, "kept": kept})
+    earning = [_earning(bench, i, bench.places(kept, i)) for i in range(size)]
+    return Fitted(_law(names, values, loads, deflections, earning), {"terms": terms, "kept": kept})
 
 
 def _next(bench: _Bench, terms: list[str], rng: np.random.Generator) -> dict[str, str | float] | None:

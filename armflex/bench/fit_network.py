@@ -79,7 +79,7 @@ def fit_network(
         best = find_modes(problem, starts, seed, iterations or ITERATIONS, damping or RELATIVE)[0]
         law = network_law(best.weights, best.noise, scaling, loads, best.covariance)
         precisions = dict(zip(GROUPS, best.precisions.tolist(), strict=True))
-        found = {"effective": best.effective, "log_evidence": best.log_evidence}
+        evidence = {"effective": best.effective, "log_evidence": best.log_evidence}
     else:
         objective, most = sum_of_squares(problem), iterations or PLAIN_ITERATIONS
         begun = start_weights(problem, starts, seed)
@@ -90,9 +90,9 @@ def fit_network(
         # Fewer data than weights are followed exactly and say nothing of their noise: as doubtful as the data are wide.
         noise = np.sqrt(squares / freedom) if freedom >= 1.0 else np.ones(problem.size)
         law, precisions = network_law(weights, noise, scaling, loads), None
-        found = {"effective": float(problem.count), "log_evidence": None}
+        evidence = {"effective": float(problem.count), "log_evidence": None}
     described = {"neurons": neurons, "weights": problem.count, "noise": law.noise.tolist()}
-    return Fitted(law, described | found | {"prior": prior, "precisions": precisions})
+    return Fitted(law, described | evidence | {"prior": prior, "precisions": precisions})
 
 
 def network_law(
@@ -156,8 +156,8 @@ def _find_mode(problem: NetworkProblem, start: Array, iterations: int, damping: 
 
     def climbed(weights: Array, precisions: Array, noise: Array, mu: float) -> tuple[Mode, float]:
         objective = Weighted(problem, precisions[problem.groups], noise, solves=True)
-        found = minimise(objective, weights, STEPS, 1e-6, replace(damping, start=mu))
-        return laplace(problem, found.weights, precisions, noise), min(found.mu, 1.0)
+        minimum = minimise(objective, weights, STEPS, 1e-6, replace(damping, start=mu))
+        return laplace(problem, minimum.weights, precisions, noise), min(minimum.mu, 1.0)
 
     met: list[Mode] = []
     mu, before, weights = damping.start, -np.inf, start
@@ -174,23 +174,23 @@ def _find_mode(problem: NetworkProblem, start: Array, iterations: int, damping: 
 
 def laplace(problem: NetworkProblem, weights: Array, precisions: Array, noise: Array) -> Mode:
     """Return the Gaussian approximation about (P,) weights at given precisions and noise."""
-    own = precisions[problem.groups]
-    objective = Weighted(problem, own, noise)
+    precision = precisions[problem.groups]
+    objective = Weighted(problem, precision, noise)
     point = objective.evaluate(weights)
     lower = np.tril(objective.normal(point)[1]) / objective.unit
     information = lower + np.tril(lower, -1).T
     factor, failed = dpotrf(information, lower=1)
     if failed:  # data almost without noise: the prior is lost beside them
         values, vectors = np.linalg.eigh(information)
-        values = np.maximum(values, own.min())
+        values = np.maximum(values, precision.min())
         covariance, log_determinant = (vectors / values) @ vectors.T, np.log(values).sum()
     else:
         lower = np.tril(dpotri(factor, lower=1)[0])
         covariance, log_determinant = lower + np.tril(lower, -1).T, 2.0 * np.log(np.diag(factor)).sum()
-    occam = 0.5 * (np.log(own).sum() - log_determinant)
+    occam = 0.5 * (np.log(precision).sum() - log_determinant)
     scale = len(problem.x) * np.log(noise * np.sqrt(2.0 * np.pi)).sum()
     evidence = float(occam - scale - point.cost / objective.unit)
-    effective = float(len(weights) - own @ np.diag(covariance))
+    effective = float(len(weights) - precision @ np.diag(covariance))
     return Mode(weights, precisions, noise, covariance, evidence, effective)
 
 

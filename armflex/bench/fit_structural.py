@@ -45,7 +45,7 @@ def fit_structural(loads: Array, deflections: Array, assembly: StructuralLaw) ->
         raise InputError("loads and deflections have 6 components, the assembly 3: expected components = 6 in its file")
     freed = assembly.learned({})
     assert freed is not None
-    free = [(i, TWIST_NAMES.index(one.name)) for i, law in enumerate(freed.laws) for one in law.parameters]
+    free = [(i, TWIST_NAMES.index(parameter.name)) for i, law in enumerate(freed.laws) for parameter in law.parameters]
     if deflections.size <= len(free):
         raise InputError(f"{deflections.size} readings do not determine {len(free)} compliances of sub-joints")
     scatter = np.maximum(np.sqrt((deflections**2).mean(axis=0)), 1e-12)
@@ -66,15 +66,17 @@ def fit_structural(loads: Array, deflections: Array, assembly: StructuralLaw) ->
         raise IdentifiabilityError("loads do not determine the compliances of the sub-joints", 0, np.inf, names)
     # The law states its sub-joints' uncertainty, the loads that they saw, and the scatter of the tip.
     shares = [[load for _, load in law.shares(wrench, NOWHERE)] for wrench in wrenches(loads)]
-    fits, found, axes = list[LinearLaw](), {}, np.arange(6)
-    for i, own in enumerate(law.laws):
-        assert own.constant is not None
-        known = {axis: std for (place, axis), std in zip(free, stds.tolist(), strict=True) if place == i}
+    fits, parameters, axes = list[LinearLaw](), {}, np.arange(6)
+    for i, fitted_law in enumerate(law.laws):
+        assert fitted_law.constant is not None
+        std_by_axis = {axis: std for (place, axis), std in zip(free, stds.tolist(), strict=True) if place == i}
         rows = np.zeros((6, 6, 6))
-        rows[axes, axes, axes] = [(known.get(axis, 0.0) * own.constant[axis, axis]) ** 2 for axis in range(6)]
+        rows[axes, axes, axes] = [
+            (std_by_axis.get(axis, 0.0) * fitted_law.constant[axis, axis]) ** 2 for axis in range(6)
+        ]
         seen = seen_loads(np.array([each[i] for each in shares]))
-        fits.append(LinearLaw(own.constant, fit=LinearFit(rows, np.zeros(6), seen)))
+        fits.append(LinearLaw(fitted_law.constant, fit=LinearFit(rows, np.zeros(6), seen)))
     for name, (i, axis), std in zip(names, free, stds.tolist(), strict=True):
         value = float(fits[i].compliance[axis, axis])
-        found[name] = {"value": value, "relative_std": std, "determined": std <= UNKNOWN}
-    return Fitted(replace(assembly.with_laws(fits), noise=np.pad(scatter, (0, 6 - len(scatter)))), found)
+        parameters[name] = {"value": value, "relative_std": std, "determined": std <= UNKNOWN}
+    return Fitted(replace(assembly.with_laws(fits), noise=np.pad(scatter, (0, 6 - len(scatter)))), parameters)

@@ -54,11 +54,11 @@ def predicted(law: Law, loads: Array) -> Array:
 
 def stated_std(law: Law, loads: Array) -> Array:
     """Return the (N, k) standard deviations of what is predicted, nan where the law carries none."""
-    found = np.full(loads.shape, np.nan)
-    for own, wrench in zip(found, wrenches(loads), strict=True):
+    stds = np.full(loads.shape, np.nan)
+    for std, wrench in zip(stds, wrenches(loads), strict=True):
         if (covariance := law.covariance(wrench, NOWHERE)) is not None:
-            own[:] = np.sqrt(np.diag(covariance)[: len(own)])
-    return found
+            std[:] = np.sqrt(np.diag(covariance)[: len(std)])
+    return stds
 
 
 def seen_loads(loads: Array) -> Array:

@@ -131,9 +131,9 @@ def learner(model: str, options: Options) -> Learner:
 
 
 def _compliance(loads: Array, deflections: Array, structure: str) -> Fitted:
-    found = fit_compliance(loads, deflections, structure)
-    parameters = {"structure": structure, "compliance": found.compliance.tolist(), "unit": "m/N, rad/Nm"}
-    return Fitted(found.law(loads), parameters)
+    fit = fit_compliance(loads, deflections, structure)
+    parameters = {"structure": structure, "compliance": fit.compliance.tolist(), "unit": "m/N, rad/Nm"}
+    return Fitted(fit.law(loads), parameters)
 
 
 def _polynomial(loads: Array, deflections: Array, features: tuple[str, ...]) -> Fitted:
@@ -143,9 +143,9 @@ def _polynomial(loads: Array, deflections: Array, features: tuple[str, ...]) -> 
     return Fitted(law, {"features": list(law.features), "coefficients": coefficients, "unit": units})
 
 
-def _one_of(value: str | None, known: tuple[str, ...], model: str) -> None:
-    if value not in known:
-        raise UnknownNameError(f"option of a {model} model", str(value), known)
+def _one_of(value: str | None, allowed: tuple[str, ...], model: str) -> None:
+    if value not in allowed:
+        raise UnknownNameError(f"option of a {model} model", str(value), allowed)
 
 
 def candidates(options: Options) -> tuple[Candidate, ...]:

@@ -197,9 +197,9 @@ class Weighted:
         repeated = np.repeat(gains, problem.size + 1, axis=1)
         matrix[:split, :split] = gram[:split, :split] * ((repeated.T * parts) @ repeated)
         for i in range(problem.size):
-            own = slice(split + i * width, split + (i + 1) * width)
-            matrix[own, :split] = gram[split:, :split] * (parts[i] * repeated[i])
-            matrix[own, own] = gram[split:, split:] * parts[i]
+            block = slice(split + i * width, split + (i + 1) * width)
+            matrix[block, :split] = gram[split:, :split] * (parts[i] * repeated[i])
+            matrix[block, block] = gram[split:, split:] * parts[i]
         prior = self.unit * self.precisions
         matrix.flat[:: len(matrix) + 1] += prior
         return gradient + prior * point.weights, matrix

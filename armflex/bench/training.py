@@ -154,12 +154,14 @@ def train(
         model, fitted = best.model, best.learner(data.loads, data.deflections, seed)
         began = time.perf_counter()
         held, times = assess(among, data, seed, step)
-        seconds = {one.name: one.seconds for one in compared} | {CHOICE: time.perf_counter() - began}
+        seconds = {candidate.name: candidate.seconds for candidate in compared} | {CHOICE: time.perf_counter() - began}
         fitted = replace(fitted, parameters={**fitted.parameters, "chosen": best.name, "chosen_in_folds": times})
     else:
         learn, folds = learner(model, options), _folds(data, model, options)
         # What models without weights do is shown beside a network.
-        plain = [one for one in candidates(options) if one.model != "neural"] if model in NETWORKS else []
+        plain = (
+            [candidate for candidate in candidates(options) if candidate.model != "neural"] if model in NETWORKS else []
+        )
         step = _counting(progress, 1 + len(np.unique(folds)) + REPEATS * min(CHOICE_FOLDS, len(data)) * len(plain))
         fitted = learn(data.loads, data.deflections, seed)
         step()
@@ -199,7 +201,8 @@ def train(
         coverage_95=held.coverage,
         parameters=fitted.parameters,
         diagnostics=fitted.diagnostics,
-        compared=tuple((one.name, one.rms / data.factors) for one in compared) or ((model, held_out_rms),),
+        compared=tuple((candidate.name, candidate.rms / data.factors) for candidate in compared)
+        or ((model, held_out_rms),),
         flags=(*flags, *law_flags(data, fitted), *_worth(model, held, compared, negligible(data.deflections))),
         seconds=seconds,
     )
@@ -246,9 +249,9 @@ def bench_flags(data: JointData) -> tuple[Flag, ...]:
         if (values == values[0]).all():
             text = f"{name} is {values[0] / factor:g} {unit} on every row: a sensor that was not connected?"
             flags.append(Flag("constant_column", text))
-    for load, twist, own, moved in zip(WRENCH_NAMES, TWIST_NAMES, data.loads.T, data.deflections.T, strict=False):
-        length = float(np.linalg.norm(own) * np.linalg.norm(moved))
-        along = float(own @ moved) / length if length else 0.0
+    for load, twist, pushed, moved in zip(WRENCH_NAMES, TWIST_NAMES, data.loads.T, data.deflections.T, strict=False):
+        length = float(np.linalg.norm(pushed) * np.linalg.norm(moved))
+        along = float(pushed @ moved) / length if length else 0.0
         if along < AGAINST:
             text = f"{twist} goes against {load} (correlation {along:.2f}): is the sign of one of them turned?"
             flags.append(Flag("against_its_load", text))
@@ -264,7 +267,11 @@ def law_flags(data: JointData, fitted: Fitted) -> tuple[Flag, ...]:
         flags.append(Flag("does_not_turn", text))
     if text := _asymmetry(fitted.law):
         flags.append(Flag("asymmetric", text))
-    free = [name for name, one in fitted.parameters.items() if isinstance(one, dict) and one.get("determined") is False]
+    free = [
+        name
+        for name, parameter in fitted.parameters.items()
+        if isinstance(parameter, dict) and parameter.get("determined") is False
+    ]
     if free:
         flags.append(Flag("not_identified", f"the loads do not determine {listing(free)}: left about as declared"))
     if problems := shortcomings(fitted.diagnostics):
@@ -282,18 +289,20 @@ def _asymmetry(law: Law) -> str:
     difference, deviation = np.abs(compliance - compliance.T), np.sqrt(variance + variance.T)
     excess = np.where(difference > 0.0, difference / np.maximum(deviation, 1e-300), 0.0)
     i, j = np.unravel_index(excess.argmax(), excess.shape)
-    one, other = (f"{TWIST_NAMES[a]} per {WRENCH_NAMES[b]} = {compliance[a, b]:.3g}" for a, b in ((i, j), (j, i)))
-    text = f"{one} and {other} differ by {excess[i, j]:.1f} of their standard deviations; Betti has them equal"
+    entry, other = (f"{TWIST_NAMES[a]} per {WRENCH_NAMES[b]} = {compliance[a, b]:.3g}" for a, b in ((i, j), (j, i)))
+    text = f"{entry} and {other} differ by {excess[i, j]:.1f} of their standard deviations; Betti has them equal"
     return text if excess[i, j] >= ASYMMETRY else ""
 
 
 def _worth(model: str, held: HeldOut, others: Sequence[Compared], least: Array) -> tuple[Flag, ...]:
     """Return a flag where a model without weights does as well as a network, by the mean of the columns' ratios."""
-    plain = [one for one in others if one.model != "neural" and np.isfinite(one.squares).all()]
-    networks = [held.rms] if model in NETWORKS else [one.rms for one in others if one.model == "neural"]
+    plain = [candidate for candidate in others if candidate.model != "neural" and np.isfinite(candidate.squares).all()]
+    networks = (
+        [held.rms] if model in NETWORKS else [candidate.rms for candidate in others if candidate.model == "neural"]
+    )
     if not plain or not networks or not np.isfinite(networks[0]).all():
         return ()
-    best = min(plain, key=lambda one: float(np.log(np.maximum(one.rms, least)).mean()))
+    best = min(plain, key=lambda candidate: float(np.log(np.maximum(candidate.rms, least)).mean()))
     ratio = float(np.exp(np.log(np.maximum(networks[0], least) / np.maximum(best.rms, least)).mean()))
     if ratio < 0.95:
         return ()

@@ -62,71 +62,77 @@ def command(
         raise InputError(f"{arm_path}: no flexure has learn = true: there is no law for --sample")
     measurements = measured(arm)
     with enough_memory(f"{len(measurements)} rows"), progress("calibrating: steps of the fit") as tick:
-        found = calibrate(arm, measurements, progress=lambda done, most: tick(done, None), keep=keep, anyway=anyway)
+        calibration = calibrate(
+            arm, measurements, progress=lambda done, most: tick(done, None), keep=keep, anyway=anyway
+        )
     samples = None
     if sample:
         with progress("sampling") as tick:
-            samples = sample_laws(found.fit, sample, progress=tick)
+            samples = sample_laws(calibration.fit, sample, progress=tick)
     axes: tuple[LearnedAxis, ...] = ()
-    if any(p.kind is ParameterKind.LAW for p in found.parameters):  # else they stay as an earlier campaign taught them
-        fitted = {name: law for name, law in learned_laws(found.arm).items() if law.posterior is not None}
-        axes = learned_axes(found.fit, fitted, samples) if fitted else ()
+    if any(
+        p.kind is ParameterKind.LAW for p in calibration.parameters
+    ):  # else they stay as an earlier campaign taught them
+        fitted = {name: law for name, law in learned_laws(calibration.arm).items() if law.posterior is not None}
+        axes = learned_axes(calibration.fit, fitted, samples) if fitted else ()
     with together():
-        options.write_json(found.content() | {"laws": [{**vars(axis), "told": axis.determined} for axis in axes]})
-        found.write(output)
+        options.write_json(calibration.content() | {"laws": [{**vars(axis), "told": axis.determined} for axis in axes]})
+        calibration.write(output)
         if report_path is not None:
             from armflex.show.report import write_report  # draws
 
-            write_report(found, report_path)
-    print_calibration(found, show_all)
+            write_report(calibration, report_path)
+    print_calibration(calibration, show_all)
     if axes:
         print_laws(axes, samples)
-    show_flags((*measurements.flags, *found.flags))
+    show_flags((*measurements.flags, *calibration.flags))
     say_written(output, report_path)
 
 
-def print_calibration(found: Calibration, show_all: bool = False) -> None:
+def print_calibration(calibration: Calibration, show_all: bool = False) -> None:
     """Print the error before and after, what was found, and what the data do not determine."""
-    held_out, (unit, factor) = found.held_out or (None, None), found.fit.view.readings.shown_in
+    held_out, (unit, factor) = calibration.held_out or (None, None), calibration.fit.view.readings.shown_in
     figures = [
-        [f"declared, {found.placing}", found.declared_rms, held_out[0]],
-        ["calibrated", found.rms, held_out[1]],
-        ["stated noise", found.noise_rms, None],
+        [f"declared, {calibration.placing}", calibration.declared_rms, held_out[0]],
+        ["calibrated", calibration.rms, held_out[1]],
+        ["stated noise", calibration.noise_rms, None],
     ]
     cells = [[name, *("-" if rms is None else number(rms * factor) for rms in pair)] for name, *pair in figures]
-    what = found.fit.view.readings.error_title
+    what = calibration.fit.view.readings.error_title
     what = what[0].upper() + what[1:]
-    print_table(f"{what} over {len(found.fit.view.rows)} rows", ["", f"RMS {unit}", f"poses held out {unit}"], cells)
-    if at_target := found.fit.view.at_target(found.rms):
+    print_table(
+        f"{what} over {len(calibration.fit.view.rows)} rows", ["", f"RMS {unit}", f"poses held out {unit}"], cells
+    )
+    if at_target := calibration.fit.view.at_target(calibration.rms):
         say(at_target)
-    print_campaigns(found.campaigns, ("declared", "calibrated"), found.fit.view.readings.shown_in)
-    if len(found.by_kind) > 1 or not found.fit.view.readings.of(Position):
+    print_campaigns(calibration.campaigns, ("declared", "calibrated"), calibration.fit.view.readings.shown_in)
+    if len(calibration.by_kind) > 1 or not calibration.fit.view.readings.of(Position):
         rows = []
-        for kind, *sizes in found.by_kind:
+        for kind, *sizes in calibration.by_kind:
             unit, factor = kind.shown_in
             count = int(np.isfinite(kind.sigma).any(axis=1).sum())
             rows.append([kind.title, str(count), *(number(size * factor) for size in sizes), unit])
         print_table("By instrument, RMS", ["", "rows", "declared", "calibrated", "stated noise", "unit"], rows)
-    known = [p for p in found.parameters if np.isfinite(p.prior) and p.kind is not ParameterKind.LAW]
-    words = in_dh_words(found.arm.robot)
-    chosen = found.parameters if show_all else sorted(known, key=lambda parameter: -abs(parameter.pull))[:8]
+    shown = [p for p in calibration.parameters if np.isfinite(p.prior) and p.kind is not ParameterKind.LAW]
+    words = in_dh_words(calibration.arm.robot)
+    chosen = calibration.parameters if show_all else sorted(shown, key=lambda parameter: -abs(parameter.pull))[:8]
     if chosen:
         columns = ["parameter", "value", "± std", "unit", "prior deviations", "determined"]
-        cells = [_cells(one, words) for one in chosen]
+        cells = [_cells(parameter, words) for parameter in chosen]
         print_table(
             "Parameters" if show_all else "Parameters that moved most, relative to their priors", columns, cells
         )
-    blind = [p for p in found.undetermined if p.kind is not ParameterKind.LAW]
+    blind = [p for p in calibration.undetermined if p.kind is not ParameterKind.LAW]
     if blind:
-        called = {name: one for name, (one, _) in words.items()}
+        called = {name: word for name, (word, _) in words.items()}
         blind = sorted(blind, key=lambda parameter: not parameter.absorbing)
         cells = [[called.get(p.name, p.name), p.reason(called)] for p in blind[:12]]
         more = f" (12 of {len(blind)})" if len(blind) > 12 else ""
         print_table(f"What these data cannot determine{more}", ["not determined", "reason"], cells)
-    if not found.fit.blocks:
+    if not calibration.fit.blocks:
         say("Nothing was fitted: [prior] frees nothing.")
-    scatters, several = found.fit.scatters, len(found.fit.scatters) > 1
-    names = dict.fromkeys(kind.name or "the tracker" for kind in found.fit.view.readings.kinds)
+    scatters, several = calibration.fit.scatters, len(calibration.fit.scatters) > 1
+    names = dict.fromkeys(kind.name or "the tracker" for kind in calibration.fit.view.readings.kinds)
     for name, scatter in zip(names, scatters, strict=True):
         if scatter > SCATTERED:
             whose = f"The readings of {name}" if several else "The readings"
@@ -134,9 +140,12 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
                 f"{whose} scatter {scatter:.2g} times as much as stated, and were weighted by that: an effect is "
                 "missing, which the fitted parameters may absorb in part. `armflex trace` searches for it."
             )
-    if found.left_out:
-        say(f"Excluded as outliers by the robust fit: readings of {found.left_out} rows, which no figure includes.")
-    for outlier in found.outliers[:5]:
+    if calibration.left_out:
+        say(
+            f"Excluded as outliers by the robust fit: readings of {calibration.left_out} rows, "
+            "which no figure includes."
+        )
+    for outlier in calibration.outliers[:5]:
         unit, factor = outlier.shown_in
         by = f" by {outlier.instrument}" if outlier.instrument else ""
         other = f": exchanged with the reading of {outlier.fellow}" if outlier.fellow else ""
@@ -147,9 +156,12 @@ def print_campaigns(campaigns: Sequence[OfCampaign], stages: tuple[str, str], un
     """Print the errors of each of several campaigns."""
     if campaigns:
         rows, (unit, factor) = [], shown_in(unit)
-        for one in campaigns:
-            sizes = ("-" if rms is None else number(rms * factor) for rms in (one.before, one.after, one.from_others))
-            rows.append([one.name, str(one.rows), *sizes])
+        for campaign in campaigns:
+            sizes = (
+                "-" if rms is None else number(rms * factor)
+                for rms in (campaign.before, campaign.after, campaign.from_others)
+            )
+            rows.append([campaign.name, str(campaign.rows), *sizes])
         columns = ["", "rows", stages[0], stages[1], f"from the others {unit}"]
         print_table("By campaign, RMS; from the others: of the arm fitted without it, placed in it", columns, rows)
 
@@ -194,5 +206,5 @@ def print_laws(axes: Sequence[LearnedAxis], samples: LawSamples | None) -> None:
     if left:
         say(f"Hardly observable in these readings, kept near the declared values: {left}.")
     if samples is not None:
-        found = samples.diagnostics
-        say(f"Sampled: R-hat {found.rhat_max:.3f}, {found.ess_min:.0f} effective draws or more.")
+        judged = samples.diagnostics
+        say(f"Sampled: R-hat {judged.rhat_max:.3f}, {judged.ess_min:.0f} effective draws or more.")

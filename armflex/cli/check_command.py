@@ -119,10 +119,10 @@ def print_check(report: CheckReport, moves: str = "moves") -> None:
 def print_settling(report: SettlingReport) -> None:
     """Print a line for every via-point: how long the tip swings there, how far, and which mode is the slowest."""
     rows = []
-    for one in report.via_points:
-        slowest = "none" if one.frequency_hz is None else number(one.frequency_hz, 3)
-        peak, name = number(one.peak_m * 1e3, 3), one.name or "last row"
-        rows.append([name, f"{one.time:g}", number(one.settle_s, 3), peak, slowest, one.flexure or "none"])
+    for point in report.via_points:
+        slowest = "none" if point.frequency_hz is None else number(point.frequency_hz, 3)
+        peak, name = number(point.peak_m * 1e3, 3), point.name or "last row"
+        rows.append([name, f"{point.time:g}", number(point.settle_s, 3), peak, slowest, point.flexure or "none"])
     columns = ["via-point", "time s", "settles in s", "peak mm", "slowest mode Hz", "flexure"]
     print_table(f"Swing until within {report.within_m * 1e3:g} mm, if the drives stop there", columns, rows)
 

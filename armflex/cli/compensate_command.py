@@ -62,55 +62,55 @@ def command(
     trajectory = options.read_path(trajectory_path, arm, unnamed, table_path)
     with enough_memory(f"{len(trajectory)} rows"), progress("compensating") as tick:
         asked = {"best_effort": True, "between": between, "covariates": covariates}
-        found = compensate(arm, trajectory, match, progress=tick, **asked)
-    summary = record(found, "ok match between_m relative_sigma_m rows")
-    summary["remains_m"], summary["sigma_m"] = found.remains_m
-    written, flags, calmed = found.ok or best_effort, found.flags, None
+        compensation = compensate(arm, trajectory, match, progress=tick, **asked)
+    summary = record(compensation, "ok match between_m relative_sigma_m rows")
+    summary["remains_m"], summary["sigma_m"] = compensation.remains_m
+    written, flags, calmed = compensation.ok or best_effort, compensation.flags, None
     if calm and written:
         doing("shaping")
-        calmed = calm_path(arm, found.trajectory, slower or SLOWER, covariates)
+        calmed = calm_path(arm, compensation.trajectory, slower or SLOWER, covariates)
         flags, summary["calm"] = (*flags, *calmed.flags), calmed.motions
     with together():
         if written:
-            write_trajectory(found.trajectory if calmed is None else calmed.trajectory, output)
+            write_trajectory(compensation.trajectory if calmed is None else calmed.trajectory, output)
         options.conclude(lambda: summary, flags, arm)
     say(f"base {arm.robot.base}, tip {arm.robot.tip}", "")
-    print_compensation(found)
+    print_compensation(compensation)
     if calmed is not None:
         print_calmed(calmed)
     say(f"Written to {output}." if written else "Nothing is written; --best-effort writes the feasible rows.")
-    return 0 if found.ok else 1
+    return 0 if compensation.ok else 1
 
 
 def print_calmed(calmed: Calmed) -> None:
     """Print how each motion is timed, and how far the tip swings after it."""
     rows = [
         [
-            one.via or "-",
-            one.shaper or "left as it is",
-            *(number(seconds, 3) for seconds in one.duration_s),
-            *(number(swing * 1e3, 3) for swing in one.swing_m),
+            motion.via or "-",
+            motion.shaper or "left as it is",
+            *(number(seconds, 3) for seconds in motion.duration_s),
+            *(number(swing * 1e3, 3) for swing in motion.swing_m),
         ]
-        for one in calmed.motions
+        for motion in calmed.motions
     ]
     columns = ["motion to", "shaper", "before s", "after s", "swing before mm", "after mm", "frequencies 10 % off mm"]
     print_table("Motions from rest to rest", columns, rows)
     say("Swing is the largest shift of the tip about where it comes to rest, all modes together.", "")
 
 
-def print_compensation(found: Compensation) -> None:
+def print_compensation(compensation: Compensation) -> None:
     """Print the via-points before and after, what was not reached, and the worst of the path.
 
     Where the path names no via-points, its first and last row and the one where most remains stand for it.
     """
     before, after = (
-        np.linalg.norm([getattr(row, name)[:3] for row in found.rows], axis=1) for name in ("before", "after")
+        np.linalg.norm([getattr(row, name)[:3] for row in compensation.rows], axis=1) for name in ("before", "after")
     )
-    worst = found.rows[int(np.argmax(after))]
+    worst = compensation.rows[int(np.argmax(after))]
     stand_in = []
-    if not any(row.via for row in found.rows):
+    if not any(row.via for row in compensation.rows):
         say(no_via_points("its first and last row, that where most remains, and what is not reached"), "")
-        stand_in = [found.rows[0], worst, found.rows[-1]]
+        stand_in = [compensation.rows[0], worst, compensation.rows[-1]]
     shown = [
         [
             row.via or "-",
@@ -122,27 +122,30 @@ def print_compensation(found: Compensation) -> None:
             number(float(np.abs(row.change).max()), 3),
             "reached" if row.reached else row.reason,
         ]
-        for row, shift_before, shift_after in zip(found.rows, before, after, strict=True)
-        if row.via or not row.reached or any(row is one for one in stand_in)
+        for row, shift_before, shift_after in zip(compensation.rows, before, after, strict=True)
+        if row.via or not row.reached or any(row is other for other in stand_in)
     ]
     columns = ["row", "time s", "before mm", "remains mm", "± mm", "before mrad", "remains mrad", "most rad or m"]
     columns.append("result")
-    print_table(f"Tip error, matching {found.match}", columns, shown[:MOST_ROWS])
+    print_table(f"Tip error, matching {compensation.match}", columns, shown[:MOST_ROWS])
     if hidden := shown[MOST_ROWS:]:
         missed = sum(row[-1] != "reached" for row in hidden)
         say(f"{len(hidden)} further rows are not shown; {missed} of them were not reached.")
-    reached = sum(row.reached for row in found.rows)
-    sigma, relative = found.remains_m[1], found.relative_sigma_m
-    known = "" if relative is None else f" (± mm: {plus_minus(relative)})"
-    largest = f"largest error {number(before.max() * 1e3)} mm before, {number(after.max() * 1e3, 2)} mm{known} after"
-    turns = ", ".join(
-        f"{number(turn * 1e3, 2)} mrad {when}" for turn, when in zip(found.turns_rad, ("before", "after"), strict=True)
+    reached = sum(row.reached for row in compensation.rows)
+    sigma, relative = compensation.remains_m[1], compensation.relative_sigma_m
+    give_or_take = "" if relative is None else f" (± mm: {plus_minus(relative)})"
+    largest = (
+        f"largest error {number(before.max() * 1e3)} mm before, {number(after.max() * 1e3, 2)} mm{give_or_take} after"
     )
-    say(f"{reached} of {len(found.rows)} rows reached; {largest}; turned by up to {turns}.")
+    turns = ", ".join(
+        f"{number(turn * 1e3, 2)} mrad {when}"
+        for turn, when in zip(compensation.turns_rad, ("before", "after"), strict=True)
+    )
+    say(f"{reached} of {len(compensation.rows)} rows reached; {largest}; turned by up to {turns}.")
     if sigma is not None:
         say("± is one standard uncertainty of what remains, from the laws and the fitted parameters.")
     if plus_minus(sigma) != plus_minus(relative):
         text = "It is that of the campaign's target before its instrument. Of the tip in the base frame it is up to"
         say(f"{text} ± {plus_minus(sigma)} mm: the places of base and target are uncertain, alike in all rows.")
-    if found.between_m is not None:
-        say(f"Halfway between rows of one payload the error is up to {number(found.between_m * 1e3, 3)} mm.")
+    if compensation.between_m is not None:
+        say(f"Halfway between rows of one payload the error is up to {number(compensation.between_m * 1e3, 3)} mm.")

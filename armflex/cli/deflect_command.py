@@ -34,23 +34,23 @@ def command(arm: Arm, q: Array, payload: str, **how: Any) -> None:
 
     A temperature on which an effect of the arm depends with a lag counts as settled.
     """
-    found = arm.deflection(q, payload, **how)
-    covariance, flags = flagged_covariance(found)
+    deflection = arm.deflection(q, payload, **how)
+    covariance, flags = flagged_covariance(deflection)
     named = {"joint_names": "names.joints", "flexure_names": "names.flexures"}
     named |= {"pose": "pose.homogeneous", "rigid_pose": "rigid_pose.homogeneous"}
 
     def content() -> dict[str, Any]:
-        return {"payload": payload, "covariance": covariance, **record(found, KEYS, **named)}
+        return {"payload": payload, "covariance": covariance, **record(deflection, KEYS, **named)}
 
-    options.conclude(content, (*found.flags, *found.overload, *flags), arm)
-    print_deflection(arm, found, covariance)
+    options.conclude(content, (*deflection.flags, *deflection.overload, *flags), arm)
+    print_deflection(arm, deflection, covariance)
 
 
-def print_deflection(arm: Arm, found: Deflection, covariance: Array | None) -> None:
+def print_deflection(arm: Arm, deflection: Deflection, covariance: Array | None) -> None:
     """Print the loads, the local deflections and the tip's displacement with its (6, 6) covariance."""
-    names = found.names
-    say(f"base {names.base}, tip {names.tip}, payload {found.payload.mass:g} kg, {found.method}", "")
-    joints = zip(arm.robot.moving, found.q, found.joint_loads, found.drive_shares, strict=True)
+    names = deflection.names
+    say(f"base {names.base}, tip {names.tip}, payload {deflection.payload.mass:g} kg, {deflection.method}", "")
+    joints = zip(arm.robot.moving, deflection.q, deflection.joint_loads, deflection.drive_shares, strict=True)
     print_table(
         "Load at every joint, on the structure, in its child frame",
         ["joint", "q", "fx kN", "fy kN", "fz kN", "mx kNm", "my kNm", "mz kNm", "drive / limit"],
@@ -59,25 +59,25 @@ def print_deflection(arm: Arm, found: Deflection, covariance: Array | None) -> N
             for joint, q, load, share in joints
         ],
     )
-    print_ties(arm, found)
+    print_ties(arm, deflection)
     if not names.flexures:
         say("No flexure is declared: the arm is rigid and its tip does not move.")
         return
-    shift, left = (float(np.linalg.norm(motion[:3])) for motion in (found.displacement, found.remainder))
+    shift, left = (float(np.linalg.norm(motion[:3])) for motion in (deflection.displacement, deflection.remainder))
     rows = [
         [name, *(number(x * 1e3) for x in twist), number(share * 1e3)]
-        for name, twist, share in zip(names.flexures, found.twists, found.shares(), strict=True)
+        for name, twist, share in zip(names.flexures, deflection.twists, deflection.shares(), strict=True)
     ]
-    if found.corrected.any():
-        along = found.displacement[:3] / (shift or 1.0)
-        rows.append(["calibrated geometry", *["-"] * 6, number(float(found.corrected[:3] @ along) * 1e3)])
+    if deflection.corrected.any():
+        along = deflection.displacement[:3] / (shift or 1.0)
+        rows.append(["calibrated geometry", *["-"] * 6, number(float(deflection.corrected[:3] @ along) * 1e3)])
     print_table(
         "Local deflection of every flexure, and its share of the tip's displacement",
         ["flexure", "dx mm", "dy mm", "dz mm", "rx mrad", "ry mrad", "rz mrad", "share mm"],
         rows,
     )
     sigmas = ["none"] * 6 if covariance is None else [number(x * 1e3, 2) for x in np.sqrt(np.diag(covariance))]
-    components = zip(("x", "y", "z", "rx", "ry", "rz"), found.displacement, sigmas, strict=True)
+    components = zip(("x", "y", "z", "rx", "ry", "rz"), deflection.displacement, sigmas, strict=True)
     print_table(
         "Tip: flexed minus rigid, base axes",
         ["", "displacement", "std. uncertainty", "unit"],
@@ -86,21 +86,21 @@ def print_deflection(arm: Arm, found: Deflection, covariance: Array | None) -> N
     say(
         f"The tip moves {number(shift * 1e3)} mm; the shares are first order and miss {number(left * 1e3, 2)} mm of it."
     )
-    if found.load_factor < NEAR:
-        say(f"It would buckle under {number(found.load_factor)} times these loads.", "")
+    if deflection.load_factor < NEAR:
+        say(f"It would buckle under {number(deflection.load_factor)} times these loads.", "")
 
 
-def print_ties(arm: Arm, found: Deflection) -> None:
+def print_ties(arm: Arm, deflection: Deflection) -> None:
     """Print what is not of the chain: joints without a drive, pins of loops, cylinders and springs."""
-    if found.passive:
-        rows = [[name, number(position)] for name, position in found.passive.items()]
+    if deflection.passive:
+        rows = [[name, number(position)] for name, position in deflection.passive.items()]
         print_table("Joints without a drive", ["joint", "rad or m"], rows)
-    if found.loop_loads:
-        loads = [[name, *(number(x / 1e3) for x in load)] for name, load in found.loop_loads.items()]
+    if deflection.loop_loads:
+        loads = [[name, *(number(x / 1e3) for x in load)] for name, load in deflection.loop_loads.items()]
         title = "Load at the pin of every loop, on its `link`, in that link's axes"
         print_table(title, ["loop", "fx kN", "fy kN", "fz kN", "mx kNm", "my kNm", "mz kNm"], loads)
-    states = {spring.name: state for spring, state in zip(arm.springs, found.spring_states, strict=True)}
-    states = found.cylinder_states | states
+    states = {spring.name: state for spring, state in zip(arm.springs, deflection.spring_states, strict=True)}
+    states = deflection.cylinder_states | states
     if states:
         rows = [[name, number(length), number(tension / 1e3)] for name, (length, tension) in states.items()]
         print_table("Cylinders and springs", ["name", "length m", "tension kN"], rows)

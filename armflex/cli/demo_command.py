@@ -67,7 +67,7 @@ def command(output: Path) -> None:
     with together():
         traced.write(output / "traced.toml")
         write_report(traced, output / "trace.html")
-        options.write_json(said | {"traced": [one.effect.title for one in traced.found]})
+        options.write_json(said | {"traced": [effect.effect.title for effect in traced.found]})
     print_trace(traced)
     say("", f"Open {page} and {output / 'trace.html'} in a browser; everything written is in {output}.")
 
@@ -106,16 +106,16 @@ def _sag_and_path(arm: Arm, folder: Path, output: Path) -> bool:
     print_check(report)
     heading("3. Cancel the sag: armflex compensate ...")
     with progress("compensating") as tick:
-        found = compensate(arm, trajectory, progress=tick)
-    write_trajectory(found.trajectory, output / "compensated.csv")
-    print_compensation(found)
-    show_flags(found.flags)
+        compensation = compensate(arm, trajectory, progress=tick)
+    write_trajectory(compensation.trajectory, output / "compensated.csv")
+    print_compensation(compensation)
+    show_flags(compensation.flags)
     worst = 0.0
-    for q, commanded, payload in zip(found.trajectory.q, trajectory.q, trajectory.payload, strict=True):
+    for q, commanded, payload in zip(compensation.trajectory.q, trajectory.q, trajectory.payload, strict=True):
         pose = arm.deflection(q, payload, method="newton").pose
         worst = max(worst, float(np.linalg.norm(pose.translation - arm.rigid_pose(commanded).translation)))
     say(f"Checked by Newton's method instead of the engine: {worst:.1e} m remain at most.", "")
-    return found.ok
+    return compensation.ok
 
 
 def _straight(arm: Arm, allow_large: bool = False) -> Deflection:
@@ -135,17 +135,19 @@ def _paper_joint(folder: Path) -> dict[str, float]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the flags are what this table is about
             arm = load_arm(folder / "arm.toml", preset=preset)
-        found = _straight(arm, allow_large=True)
-        own = [i for i, name in enumerate(found.names.flexures) if name.startswith("A4")]
-        gives, turns = (np.linalg.norm(found.twists[own][:, part], axis=1).max() for part in (slice(3), slice(3, 6)))
-        moves = shifts[preset or "assumed"] = float(np.linalg.norm(found.displacement[:3]))
+        deflection = _straight(arm, allow_large=True)
+        wrist = [i for i, name in enumerate(deflection.names.flexures) if name.startswith("A4")]
+        gives, turns = (
+            np.linalg.norm(deflection.twists[wrist][:, part], axis=1).max() for part in (slice(3), slice(3, 6))
+        )
+        moves = shifts[preset or "assumed"] = float(np.linalg.norm(deflection.displacement[:3]))
         verdict = "a machine"
-        if any(flag.code == "large_sag" for flag in found.flags):
+        if any(flag.code == "large_sag" for flag in deflection.flags):
             verdict = "no machine: sag over 10 % of reach"
         if turns > MAX_ROTATION:
             verdict = "no machine: turns too far"
         rows.append([text, number(gives * 1e3), number(turns * 1e3), number(moves * 1e3), verdict])
-        extrapolating += [flag.text for flag in found.flags if flag.code == "extrapolating"]
+        extrapolating += [flag.text for flag in deflection.flags if flag.code == "extrapolating"]
     columns = ["A4", "A4 moves mm", "A4 turns mrad", "tip moves mm", "verdict"]
     print_table(f"What each does to the tip, straight out with {PAYLOAD}", columns, rows)
     say(

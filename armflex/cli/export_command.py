@@ -106,16 +106,18 @@ def command(arm: Arm, unnamed: Unnamed, target: str, output: Path | None, **give
     (wanted, export), asked = _exporter(target), {option: value for option, value in given.items() if value is not None}
     asked |= {} if unnamed == UNLOADED else {"unnamed": unnamed}
     context = click.get_current_context()
-    flags = {one.name: one.opts[0] for one in context.command.params}
+    flags = {declared.name: declared.opts[0] for declared in context.command.params}
     for option in asked:
         if option not in wanted.options:
-            known = [name for name in FORMATS if option in _exporter(name)[0].options]
+            targets = [name for name in FORMATS if option in _exporter(name)[0].options]
             flag = flags.get(option, "--payload or --force")
-            raise InputError(f"{flag} has no meaning for --to {target}; it is an option of --to {listing(known)}")
+            raise InputError(f"{flag} has no meaning for --to {target}; it is an option of --to {listing(targets)}")
     for option in wanted.needs:
         if option not in asked and not (option == "output" and output):
             choices = {
-                one.name: one.type.choices for one in context.command.params if isinstance(one.type, options.Choice)
+                parameter.name: parameter.type.choices
+                for parameter in context.command.params
+                if isinstance(parameter.type, options.Choice)
             }
             more = f" {' or '.join(choices[option])}" if option in choices else ""
             raise InputError(f"--to {target} needs {flags[option]}{more}")

@@ -88,12 +88,12 @@ def command(
         mesh = read_mesh(mesh_path, unit, **solid, springs=bool(table))
         if table:
             loads = random_loads(table, _bounds(load, "force"), _bounds(moment, "moment"), seed)
-            found = study(mesh, fixed.strip(), names[0], loads, unit, interface, tick)
+            sweep = study(mesh, fixed.strip(), names[0], loads, unit, interface, tick)
             with together():
-                write_table(output, found.columns)
-                said = {"solver": found.solver, "rows": table, "seed": seed, "loads": loads, "twists": found.twists}
-                options.conclude(lambda: said, found.flags)
-            say(f"{table} loads, solved by {SOLVERS[found.solver]}. Written to {output}, for armflex train {output}.")
+                write_table(output, sweep.columns)
+                said = {"solver": sweep.solver, "rows": table, "seed": seed, "loads": loads, "twists": sweep.twists}
+                options.conclude(lambda: said, sweep.flags)
+            say(f"{table} loads, solved by {SOLVERS[sweep.solver]}. Written to {output}, for armflex train {output}.")
             return
     part = condense(mesh, fixed.strip(), names, interface, young_std, tick)
     with together():
@@ -108,7 +108,7 @@ def _bounds(text: str | None, kind: str) -> tuple[float, float]:
     if text is None:
         return 0.0, 0.0
     low, colon, high = text.partition(":")
-    least, most = (parse_quantity(one, kind) if colon else -1.0 for one in (low, high))
+    least, most = (parse_quantity(bound, kind) if colon else -1.0 for bound in (low, high))
     if not 0.0 <= least <= most or most == 0.0:
         raise InputError(f"{text!r}: expected the least and the largest {kind}, such as 1kN:5kN, not both 0")
     return least, most
@@ -117,11 +117,11 @@ def _bounds(text: str | None, kind: str) -> tuple[float, float]:
 def print_part(part: Part) -> None:
     """Print how a part gives, weighs and vibrates."""
     for place, name in enumerate(part.loaded):
-        own = part.compliance[6 * place : 6 * place + 6, 6 * place : 6 * place + 6]
+        block = part.compliance[6 * place : 6 * place + 6, 6 * place : 6 * place + 6]
         print_table(
             f"Compliance at {name!r}, {part.fixed!r} held (m/N, rad/Nm and mixed)",
             ["", *(f"per {axis}" for axis in WRENCH_NAMES)],
-            [[axis, *(f"{x:.4g}" for x in row)] for axis, row in zip(TWIST_NAMES, own, strict=True)],
+            [[axis, *(f"{x:.4g}" for x in row)] for axis, row in zip(TWIST_NAMES, block, strict=True)],
         )
     if part.mass:
         said = ", ".join(number(x, 4) for x in part.frequencies_hz)

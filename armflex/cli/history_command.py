@@ -40,36 +40,38 @@ def command(paths: tuple[Path, ...], dates: str | None, output: Path | None) -> 
         raise InputError(f"--dates: {dates!r} is not of the form 2026-01-15,2026-03-02,..") from None
     if len(labels) != len(paths):
         raise InputError(f"--dates: {len(labels)} dates for {len(paths)} files")
-    found = history({str(path): load_arm(path) for path in paths}, list(days))
+    courses = history({str(path): load_arm(path) for path in paths}, list(days))
     with together():
         options.write_json(
             {
                 "format": "armflex-history-1",
                 "dates": labels,
                 "parameters": [
-                    record(one, "value std", name="parameter.label", unit="parameter.unit")
+                    record(course, "value std", name="parameter.label", unit="parameter.unit")
                     | dict.fromkeys(("change", "size", "size_std"))
-                    | (record(one, "change size size_std") if one.change else {})
-                    | {"since": labels[one.since] if one.since else None}
-                    for one in found.courses
+                    | (record(course, "change size size_std") if course.change else {})
+                    | {"since": labels[course.since] if course.since else None}
+                    for course in courses.courses
                 ],
             }
         )
         if output is not None:
             from armflex.show.report import write_report  # draws
 
-            write_report(found, output, labels)
+            write_report(courses, output, labels)
     rows = []
-    for one in found.changed:
-        when, sizes = f"since {labels[one.since]}" if one.since else "all along", (one.size, one.size_std)
+    for course in courses.changed:
+        when, sizes = f"since {labels[course.since]}" if course.since else "all along", (course.size, course.size_std)
         cells = (number(size, digits) for size, digits in zip(sizes, (3, 2), strict=True))
-        rows.append([one.parameter.label, one.change, when, *cells, one.parameter.unit])
+        rows.append([course.parameter.label, course.change, when, *cells, course.parameter.unit])
     if rows:
         print_table("What changed", ["parameter", "how", "when", "by", "± std", "unit"], rows)
     else:
-        say(f"Nothing changed beyond its uncertainty: {len(found.courses)} parameters over {len(paths)} calibrations.")
-    last = np.argsort(found.dates)[-2:].tolist()
-    for one, step, std in found.between(*last) if len(paths) > 2 else ():
-        text = f"{number(step, 3)} ± {number(std, 2)} {one.parameter.unit}"
-        say(f"Between {labels[last[0]]} and {labels[last[1]]}: {one.parameter.label} by {text}.")
+        say(
+            f"Nothing changed beyond its uncertainty: {len(courses.courses)} parameters over {len(paths)} calibrations."
+        )
+    last = np.argsort(courses.dates)[-2:].tolist()
+    for course, step, std in courses.between(*last) if len(paths) > 2 else ():
+        text = f"{number(step, 3)} ± {number(std, 2)} {course.parameter.unit}"
+        say(f"Between {labels[last[0]]} and {labels[last[1]]}: {course.parameter.label} by {text}.")
     say_written(output)

@@ -67,7 +67,7 @@ def command(
     board = None if board is None else board_of(board)
     if arm_path is not None and arm_path.resolve().parent != output.resolve().parent and any(map(is_pictures, paths)):
         raise InputError("--arm: write it to the folder of the campaign: both name files relative to themselves")
-    found = options.taken_in(
+    taken = options.taken_in(
         paths,
         sigma,
         take,
@@ -80,15 +80,15 @@ def command(
         tip=tip,
         beside=output.absolute().parent,
     )
-    if arm_path is not None and found.arm is None:
+    if arm_path is not None and taken.arm is None:
         raise InputError("--arm: no file is a URDF or has a table of DH parameters: columns theta, d, a, alpha")
-    if found.declare and arm_path is None:
+    if taken.declare and arm_path is None:
         say("What reads the arm beside x y z is an instrument of its own. For the arm file:")
-        for line in found.declare.splitlines():
+        for line in taken.declare.splitlines():
             say(line)
     with together():
-        write_table(output, found.columns)
-        if arm_path is not None and found.arm is not None:
-            write_whole(arm_path, found.arm.encode())
-        options.conclude(lambda: {"joined": found.joined, "taken": found.taken, "notes": found.notes}, ())
+        write_table(output, taken.columns)
+        if arm_path is not None and taken.arm is not None:
+            write_whole(arm_path, taken.arm.encode())
+        options.conclude(lambda: {"joined": taken.joined, "taken": taken.taken, "notes": taken.notes}, ())
     say_written(output, arm_path)

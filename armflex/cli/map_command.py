@@ -70,54 +70,55 @@ def command(
     if settings["jobs"] == 0:
         raise InputError("--jobs is 0: expected a number of processes, or -1")
     with progress("mapping") as tick:
-        found = map_workspace(arm, names, voxel=edge, progress=tick, **settings)
+        workspace = map_workspace(arm, names, voxel=edge, progress=tick, **settings)
     with together():
-        write_map(found, output, limit)
+        write_map(workspace, output, limit)
         if picture is not None:
-            draw_map(arm, found, picture, limit)
+            draw_map(arm, workspace, picture, limit)
         if page is not None:
-            map_page(arm, found, page, limit, settings["covariates"], settings["wrenches"])
-        judged = {} if limit is None else {"tolerance_m": limit, "verdicts": _verdicts(found, limit)}
-        options.conclude(lambda: found.content() | judged, found.flags, arm)
-    print_map(found, limit)
+            map_page(arm, workspace, page, limit, settings["covariates"], settings["wrenches"])
+        judged = {} if limit is None else {"tolerance_m": limit, "verdicts": _verdicts(workspace, limit)}
+        options.conclude(lambda: workspace.content() | judged, workspace.flags, arm)
+    print_map(workspace, limit)
     say_written(output, picture, page)
-    return 0 if limit is None or (found.verdicts(limit) == "ok").all() else 1
+    return 0 if limit is None or (workspace.verdicts(limit) == "ok").all() else 1
 
 
-def print_map(found: WorkspaceMap, tolerance: float | None) -> None:
+def print_map(workspace: WorkspaceMap, tolerance: float | None) -> None:
     """Print what was asked, what was refused, and where the tip moves most."""
-    asked = f"{found.rows} configurations, payload {', '.join(found.payloads)}"
-    asked += f", {found.draws} draws of the arm" if found.draws else ""
-    say(f"base {found.base}, tip {found.tip}; {asked}; {len(found)} voxels of {found.voxel:g} m", "")
-    counts = found.refused.sum(axis=0)
-    for reason, count in zip(found.reasons, counts, strict=True):
+    asked = f"{workspace.rows} configurations, payload {', '.join(workspace.payloads)}"
+    asked += f", {workspace.draws} draws of the arm" if workspace.draws else ""
+    say(f"base {workspace.base}, tip {workspace.tip}; {asked}; {len(workspace)} voxels of {workspace.voxel:g} m", "")
+    counts = workspace.refused.sum(axis=0)
+    for reason, count in zip(workspace.reasons, counts, strict=True):
         if count:
-            say(f"{count} of {found.answered.sum() + counts.sum()} refused: {reason.replace('_', ' ')}")
+            say(f"{count} of {workspace.answered.sum() + counts.sum()} refused: {reason.replace('_', ' ')}")
     if tolerance is not None:
         shares = [
-            [name, str(count), f"{count / len(found):.1%}"] for name, count in _verdicts(found, tolerance).items()
+            [name, str(count), f"{count / len(workspace):.1%}"]
+            for name, count in _verdicts(workspace, tolerance).items()
         ]
         print_table(f"Voxels against {tolerance * 1e3:g} mm", ["verdict", "voxels", "share"], shares)
-    if not found.answered.any():
+    if not workspace.answered.any():
         return
-    here = found.worst_voxel
-    sigma = "" if found.sigma is None else f" ± {number(found.sigma[here] * 1e3, 2)}"
-    left = "" if tolerance is None else f", {number((tolerance - found.worst[here]) * 1e3, 3)} mm to the tolerance"
-    place = ", ".join(f"{x:.3g}" for x in found.centres[here])
-    say(f"Largest displacement of the tip, {number(found.worst[here] * 1e3)}{sigma} mm{left}, about ({place}) m:")
-    q = " ".join(f"{joint}={x:.4f}" for joint, x in zip(found.joints, found.worst_q[here], strict=True))
-    say(f"  {q}, payload {found.payloads[found.worst_payload[here]]}")
-    if found.frequency is not None and np.isfinite(found.frequency).any():
-        slow = int(np.nanargmin(found.frequency))
-        place = ", ".join(f"{x:.3g}" for x in found.centres[slow])
-        say(f"Lowest first natural frequency, {number(found.frequency[slow])} Hz, about ({place}) m.")
-    if found.worst_of_draws is not None:
-        most = found.worst_of_draws[here]
+    here = workspace.worst_voxel
+    sigma = "" if workspace.sigma is None else f" ± {number(workspace.sigma[here] * 1e3, 2)}"
+    left = "" if tolerance is None else f", {number((tolerance - workspace.worst[here]) * 1e3, 3)} mm to the tolerance"
+    place = ", ".join(f"{x:.3g}" for x in workspace.centres[here])
+    say(f"Largest displacement of the tip, {number(workspace.worst[here] * 1e3)}{sigma} mm{left}, about ({place}) m:")
+    q = " ".join(f"{joint}={x:.4f}" for joint, x in zip(workspace.joints, workspace.worst_q[here], strict=True))
+    say(f"  {q}, payload {workspace.payloads[workspace.worst_payload[here]]}")
+    if workspace.frequency is not None and np.isfinite(workspace.frequency).any():
+        slow = int(np.nanargmin(workspace.frequency))
+        place = ", ".join(f"{x:.3g}" for x in workspace.centres[slow])
+        say(f"Lowest first natural frequency, {number(workspace.frequency[slow])} Hz, about ({place}) m.")
+    if workspace.worst_of_draws is not None:
+        most = workspace.worst_of_draws[here]
         most_said = f"{number(most * 1e3)} mm" if np.isfinite(most) else "one has no answer"
-        say(f"  the worst of {found.draws} draws there: {most_said}")
+        say(f"  the worst of {workspace.draws} draws there: {most_said}")
 
 
-def _verdicts(found: WorkspaceMap, tolerance: float) -> dict[str, int]:
+def _verdicts(workspace: WorkspaceMap, tolerance: float) -> dict[str, int]:
     """Return how many voxels have each verdict."""
-    verdicts = found.verdicts(tolerance)
+    verdicts = workspace.verdicts(tolerance)
     return {name: int((verdicts == name).sum()) for name in VERDICTS}

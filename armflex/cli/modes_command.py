@@ -56,23 +56,23 @@ def command(
         return
     if drawing is not None:
         check_ending(drawing)
-    found = arm.modes(q, payload, covariates=covariates, wrenches=wrenches, count=count)
+    modes = arm.modes(q, payload, covariates=covariates, wrenches=wrenches, count=count)
     drawn = drawn_frequencies(arm, q, payload, covariates=covariates, wrenches=wrenches, count=count)
     std = None
     if drawn is not None:  # a drawn arm may have fewer modes, where one is hardly slower than what counts as rigid
-        std = [*drawn.std(axis=0, ddof=1).tolist(), *(None,) * len(found.frequencies)][: len(found.frequencies)]
+        std = [*drawn.std(axis=0, ddof=1).tolist(), *(None,) * len(modes.frequencies)][: len(modes.frequencies)]
 
     named = {"joint_names": "names.joints", "flexures": "names.flexures", "frequencies_hz": "frequencies"}
     named |= {"modal_masses": "masses", "flexure_shapes": "twists", "stiffness_sensitivities": "sensitivities"}
 
     def content() -> dict[str, Any]:
-        return {"payload": payload, "q": q, "frequencies_std_hz": std} | record(found, "damping_ratios shapes", **named)
+        return {"payload": payload, "q": q, "frequencies_std_hz": std} | record(modes, "damping_ratios shapes", **named)
 
     with together():
         if drawing is not None:
-            draw_modes(arm.deflection(q, payload, covariates=covariates, wrenches=wrenches), found, drawing)
-        options.conclude(content, found.flags, arm)
-    print_modes(found, std)
+            draw_modes(arm.deflection(q, payload, covariates=covariates, wrenches=wrenches), modes, drawing)
+        options.conclude(content, modes.flags, arm)
+    print_modes(modes, std)
 
 
 def _along(arm: Arm, path: Path, payload: str, covariates: dict[str, float], count: int) -> None:
@@ -87,7 +87,12 @@ def _along(arm: Arm, path: Path, payload: str, covariates: dict[str, float], cou
     options.conclude(lambda: {"via_points": points}, tuple(flags.values()), arm)
     most = max(len(point.frequencies) for point in found)
     rows = [
-        [point.name, f"{point.time:g}", point.payload, *(number(float(one), 4) for one in point.frequencies)]
+        [
+            point.name,
+            f"{point.time:g}",
+            point.payload,
+            *(number(float(frequency), 4) for frequency in point.frequencies),
+        ]
         + [""] * (most - len(point.frequencies))
         + [point.stiffest[0] if point.stiffest else "none"]
         for point in found
@@ -96,23 +101,23 @@ def _along(arm: Arm, path: Path, payload: str, covariates: dict[str, float], cou
     print_table(f"Modes of vibration, drives holding (base {arm.robot.base}, tip {arm.robot.tip})", head, rows)
 
 
-def print_modes(found: Modes, std: Sequence[float | None] | None) -> None:
+def print_modes(modes: Modes, std: Sequence[float | None] | None) -> None:
     """Print a line for every mode: how fast, which way the tip goes, and which flexures to stiffen.
 
     `std` is that of each frequency [Hz], None of one that not every drawn arm has; all None where none was drawn.
     """
-    names, rows = found.names, []
+    names, rows = modes.names, []
 
     def share(part: float) -> str:
         return f"{part:.0%}" if part < 10.0 else "> 1000%"  # near instability a little stiffness is everything
 
-    for i, frequency in enumerate(found.frequencies):
-        order = np.argsort(-found.sensitivities[i])[:3]
-        stiffer = ", ".join(f"{names.flexures[j]} {share(found.sensitivities[i, j])}" for j in order)
-        shape = [f"{round(part, 2) + 0.0:.2f}" for part in found.shapes[i, :3]]
+    for i, frequency in enumerate(modes.frequencies):
+        order = np.argsort(-modes.sensitivities[i])[:3]
+        stiffer = ", ".join(f"{names.flexures[j]} {share(modes.sensitivities[i, j])}" for j in order)
+        shape = [f"{round(part, 2) + 0.0:.2f}" for part in modes.shapes[i, :3]]
         size = None if std is None else std[i]
         spread = "-" if size is None else number(size, 2)
-        decay = number(float(found.decays[i]), 2)
+        decay = number(float(modes.decays[i]), 2)
         rows.append([str(i + 1), number(float(frequency), 4), spread, decay, *shape, stiffer])
     print_table(
         f"Modes of vibration, drives holding (base {names.base}, tip {names.tip})",

@@ -58,8 +58,10 @@ class Choice(click.Choice):
     def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> Any:
         """Return the name; fail where it is not one of them."""
         if value not in self.choices:
-            known = ", ".join(self.choices)
-            self.fail(f"{value!r} is not known{did_you_mean(value, self.choices)} (known: {known})", parameter, context)
+            choices = ", ".join(self.choices)
+            self.fail(
+                f"{value!r} is not known{did_you_mean(value, self.choices)} (known: {choices})", parameter, context
+            )
         return super().convert(value, parameter, context)
 
 
@@ -125,10 +127,10 @@ class Command(click.Command):
 
     def format_epilog(self, context: click.Context, formatter: click.HelpFormatter) -> None:
         """Write what the files are that the command reads."""
-        known = [(meant, FILES[meant]) for one in self.params if (meant := _file(one)) in FILES]
-        if known:
+        files = [(meant, FILES[meant]) for parameter in self.params if (meant := _file(parameter)) in FILES]
+        if files:
             with formatter.section("Files, in SI unless a column says its unit: q_A1_deg, x_mm, force_fz_kN"):
-                formatter.write_dl(known)
+                formatter.write_dl(files)
 
     def invoke(self, context: click.Context) -> Any:
         """Run the command.
@@ -136,23 +138,35 @@ class Command(click.Command):
         Raises:
             InputError: An output is an input, a file that an input names, or another output; links count.
         """
-        paths = {one: context.params.get(one.name) for one in self.params if isinstance(one.type, click.Path)}
-        given = {one: path for one, path in paths.items() if isinstance(path, Path)}
-        outputs = [(one.opts[0], path) for one, path in given.items() if isinstance(one.type, OutputPath)]
-        inputs = [path for one, path in given.items() if not isinstance(one.type, OutputPath)]
-        inputs += [path for one, several in paths.items() if one.nargs == -1 for path in several or ()]
+        paths = {
+            parameter: context.params.get(parameter.name)
+            for parameter in self.params
+            if isinstance(parameter.type, click.Path)
+        }
+        given = {parameter: path for parameter, path in paths.items() if isinstance(path, Path)}
+        outputs = [
+            (parameter.opts[0], path) for parameter, path in given.items() if isinstance(parameter.type, OutputPath)
+        ]
+        inputs = [path for parameter, path in given.items() if not isinstance(parameter.type, OutputPath)]
+        inputs += [path for parameter, several in paths.items() if parameter.nargs == -1 for path in several or ()]
         read = [file for path in inputs for file in named_files(path)]
         for option, path in outputs:
             if any(same_file(path, file) for file in read):
                 raise InputError(f"{path} is an input of this command; name another file with {option}")
-        for (one, first), (other, second) in combinations(outputs, 2):
+        for (name, first), (other, second) in combinations(outputs, 2):
             if same_file(first, second):
-                raise InputError(f"{one} and {other} are the same file {second}; name another one")
+                raise InputError(f"{name} and {other} are the same file {second}; name another one")
         if any(is_stdout(path) for _, path in outputs):
             result_on_stdout()
         context.meta[__name__] = context.params.pop("json_path")
-        each = [(one, path) for one, some in paths.items() for path in (some if isinstance(some, tuple) else (some,))]
-        self._check_kinds([(_file(one), path) for one, path in each if path is not None and _file(one) in FILES])
+        each = [
+            (parameter, path)
+            for parameter, several in paths.items()
+            for path in (several if isinstance(several, tuple) else (several,))
+        ]
+        self._check_kinds(
+            [(_file(parameter), path) for parameter, path in each if path is not None and _file(parameter) in FILES]
+        )
         with showing_stages(f"reading {listing((path.name for path in inputs), 3)}"):
             return super().invoke(context)
 
@@ -163,7 +177,7 @@ class Command(click.Command):
         if not wrong:
             return
         said = ", ".join(f"{path} is no {'arm' if name == 'ARM' else 'table'} ({name})" for name, path in wrong)
-        order = " ".join(str(one.metavar) for one in self.params if isinstance(one, click.Argument))
+        order = " ".join(str(parameter.metavar) for parameter in self.params if isinstance(parameter, click.Argument))
         hint = "are they exchanged" if len(wrong) > 1 else "is another file meant"
         raise InputError(f"{said}: {hint}? armflex {click.get_current_context().info_name} {order}")
 
@@ -210,17 +224,17 @@ def named_files(path: Path) -> list[Path]:
         values: list[Any] = [] if DEEP.search(text) else [tomllib.loads(text)]
     except (OSError, ValueError, RecursionError):
         return [path]  # who reads it will say what is wrong with it
-    found = [path]
+    files = [path]
     while values:
         value = values.pop()
         if isinstance(value, dict | list):
             values += value.values() if isinstance(value, dict) else value
         elif isinstance(value, str):
             try:
-                found += [path.parent / value] if (path.parent / value).is_file() else []
+                files += [path.parent / value] if (path.parent / value).is_file() else []
             except (OSError, ValueError):  # a text that cannot be a path
                 continue
-    return found
+    return files
 
 
 def same_file(output: Path, other: Path) -> bool:
@@ -339,20 +353,22 @@ def taken_in(
     """
     from armflex.intake import intake  # imports scipy
 
-    pairs = [one.rpartition("=") for one in take]
-    if wrong := next((one for one, pair in zip(take, pairs, strict=True) if not pair[0] or not pair[2]), None):
+    pairs = [assignment.rpartition("=") for assignment in take]
+    if wrong := next(
+        (assignment for assignment, pair in zip(take, pairs, strict=True) if not pair[0] or not pair[2]), None
+    ):
         raise InputError(f"--take {wrong}: expected COLUMN=MEANING")
     asked = {column: meaning for column, _, meaning in pairs}
 
     def ask(question: str, choices: Sequence[str]) -> str:
         return click.prompt(question, type=click.Choice(list(choices)), err=True)
 
-    found = intake(paths, sigma, asked, ask if sys.stdin.isatty() else None, targets, **more)
-    print_table("Columns", ["file", "column", "is", "unit", "because of"], found.taken)
-    say(f"{len(found.lines)} rows, joined {found.joined}.")
-    for note in found.notes:
+    taken = intake(paths, sigma, asked, ask if sys.stdin.isatty() else None, targets, **more)
+    print_table("Columns", ["file", "column", "is", "unit", "because of"], taken.taken)
+    say(f"{len(taken.lines)} rows, joined {taken.joined}.")
+    for note in taken.notes:
         say(f"Note: {note}.")
-    return found
+    return taken
 
 
 def campaign(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -383,22 +399,22 @@ def campaign(function: Callable[..., Any]) -> Callable[..., Any]:
         def measured(arm: Arm) -> Measurements:
             unnamed = unnamed_loads(arm, payload, force_text)
             if as_they_are:
-                found = taken_in(paths, sigma, take, targets, joints=joints, sigma_r=sigma_r)
+                taken = taken_in(paths, sigma, take, targets, joints=joints, sigma_r=sigma_r)
                 if missing := [
-                    line for line in found.declare.splitlines() if line[0] == "[" and line[12:-1] not in arm.sensors
+                    line for line in taken.declare.splitlines() if line[0] == "[" and line[12:-1] not in arm.sensors
                 ]:
-                    text = found.declare.replace("TIP", arm.robot.tip)
+                    text = taken.declare.replace("TIP", arm.robot.tip)
                     raise InputError(f"{missing[0]} is not in the arm file, for the further target:\n{text}")
-                return read_measurements(found.table, arm, unnamed=unnamed)
+                return read_measurements(taken.table, arm, unnamed=unnamed)
             return joined([read_measurements(path, arm, points=points, unnamed=unnamed) for path in paths], arm)
 
         return function(measured=measured, **rest)
 
-    found = as_they_are(force_option(payload_option(with_rows)))
+    decorated = as_they_are(force_option(payload_option(with_rows)))
     measured = click.argument("paths", metavar="MEAS.csv ...", type=InputPath, nargs=-1, required=True)
     for given in (points, lax, anyway, keep, measured, click.argument("arm_path", metavar="ARM", type=InputPath)):
-        found = given(found)
-    return found
+        decorated = given(decorated)
+    return decorated
 
 
 def declared_arm(path: Path, command: str, keep: bool | None = None, lax: bool = False) -> Arm:
@@ -432,17 +448,17 @@ def named_values(texts: Iterable[str], form: str) -> dict[str, list[float]]:
     Raises:
         InputError: One is not of the form, has no finite number, or a name is given twice.
     """
-    found: dict[str, list[float]] = {}
+    numbers: dict[str, list[float]] = {}
     for text in texts:
         # A level of a text column is a name with '=' in it, and may itself have more; a number has none.
         name, equals, values = (piece.strip() for piece in text.rpartition("="))
         parts = [part.strip() for part in values.split(",")]
         if not equals or not name or not all(NUMBER.fullmatch(part) and np.isfinite(float(part)) for part in parts):
             raise InputError(f"--covariates: {text!r} is not of the form {form}")
-        if name in found:
+        if name in numbers:
             raise InputError(f"--covariates: {name!r} is given twice")
-        found[name] = [float(part) for part in parts]
-    return found
+        numbers[name] = [float(part) for part in parts]
+    return numbers
 
 
 def parse_covariates(text: str) -> dict[str, float]:

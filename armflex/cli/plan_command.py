@@ -105,55 +105,55 @@ def command(
     if between is not None and (len(asked["between"]) < 2 or not all(asked["between"])):
         raise InputError(f"--between: {between!r} is not of the form E1,E2, such as backlash:A2,friction_windup:A2")
     with progress("planning") as tick:
-        found = plan(arm, rows, progress=tick, **asked, **given)
+        planned = plan(arm, rows, progress=tick, **asked, **given)
     with together():
-        write_plan(found, output)
+        write_plan(planned, output)
         if picture is not None:
             from armflex.plan.picture import draw_plan
 
-            draw_plan(found, picture)
-        options.conclude(found.content, found.flags)
-    print_plan(found)
+            draw_plan(planned, picture)
+        options.conclude(planned.content, planned.flags)
+    print_plan(planned)
     say_written(output, picture)
 
 
-def print_plan(found: Plan) -> None:
+def print_plan(planned: Plan) -> None:
     """Print what will be reached, against poses at random, which parameters gain most, and what stays undetermined."""
-    count, stops = len(found.worth), len(found.rows)
-    before, after = (found.figure(value) for value in found.reached[[0, -1]])
+    count, stops = len(planned.worth), len(planned.rows)
+    before, after = (planned.figure(value) for value in planned.reached[[0, -1]])
     run_ups = f", and {stops - count} stops to come from the right side" if stops > count else ""
-    by = "" if "" in found.reach.read else f" by {', '.join(found.reach.read)}"
-    noise = "" if by else f"; noise {number(float(found.reach.sigma.max()) * 1e3, 2)} mm"
+    by = "" if "" in planned.reach.read else f" by {', '.join(planned.reach.read)}"
+    noise = "" if by else f"; noise {number(float(planned.reach.sigma.max()) * 1e3, 2)} mm"
     say(f"{count} rows to read{run_ups}{by}{noise}")
-    if found.random_rows is None:
-        reached = found.figure(found.random.mean(axis=0)[-1])
-        at_random = f"{found.random.shape[1] - 1} poses at random reach {reached}"
+    if planned.random_rows is None:
+        reached = planned.figure(planned.random.mean(axis=0)[-1])
+        at_random = f"{planned.random.shape[1] - 1} poses at random reach {reached}"
     else:
-        at_random = f"as much as {found.random_rows} poses at random"
-    say(f"{found.goal.title}: now {before}, after the rows {after}; {at_random}")
-    for mount in found.mounts:
+        at_random = f"as much as {planned.random_rows} poses at random"
+    say(f"{planned.goal.title}: now {before}, after the rows {after}; {at_random}")
+    for mount in planned.mounts:
         others = ", ".join(f"{name} {value:.3g}" for name, value in mount.others[:3])
         text = f"{mount.sensor.name}: rows at random reach {mount.reached:.3g} with it, {mount.without:.3g} without"
         say(text + (f" (elsewhere: {others})" if others else ""))
         say(*declaration(mount.sensor).splitlines())
-    left = sum(found.offered.dropped.values())
+    left = sum(planned.offered.dropped.values())
     if left:
-        reasons = ", ".join(f"{n} {reason.replace('_', ' ')}" for reason, n in found.offered.dropped.items())
-        say(f"Of {left + len(found.offered.rows)} rows offered {left} were excluded: {reasons}.")
-    for hypothesis in found.hypotheses:
+        reasons = ", ".join(f"{n} {reason.replace('_', ' ')}" for reason, n in planned.offered.dropped.items())
+        say(f"Of {left + len(planned.offered.rows)} rows offered {left} were excluded: {reasons}.")
+    for hypothesis in planned.hypotheses:
         named = zip(hypothesis.candidate.labels, hypothesis.size, hypothesis.candidate.units, strict=True)
         sizes = ", ".join(f"{label} {value:.3g} {unit}" for label, value, unit in named if value)
         say(f"{hypothesis.name} {sizes}, {hypothesis.source}")
     # Where instruments stand is no gain.
     places = (ParameterKind.INSTRUMENT, *OF_SESSION, ParameterKind.SENSOR)
-    others = {one.label for one in found.model.parameters if one.group.kind in places}
-    gaining = [one for one in found.certainties if one["name"] not in others and not found.hypotheses]
+    others = {parameter.label for parameter in planned.model.parameters if parameter.group.kind in places}
+    gaining = [row for row in planned.certainties if row["name"] not in others and not planned.hypotheses]
     gaining = sorted(gaining, key=lambda p: p["after"] / p["before"])[:MOST_LINES]
-    words, rows = in_dh_words(found.reach.arm.robot), []
-    for one in gaining:  # those of unit 1 are logarithms of factors, or shares
-        unit, times = ("%", 100.0) if one["unit"] == "1" else (one["unit"], 1.0)
-        stds = (number(times * one[when], 3, 0.0) for when in ("before", "after"))
-        rows.append([words.get(one["name"], (one["name"],))[0], *stds, unit])
+    words, rows = in_dh_words(planned.reach.arm.robot), []
+    for row in gaining:  # those of unit 1 are logarithms of factors, or shares
+        unit, times = ("%", 100.0) if row["unit"] == "1" else (row["unit"], 1.0)
+        stds = (number(times * row[when], 3, 0.0) for when in ("before", "after"))
+        rows.append([words.get(row["name"], (row["name"],))[0], *stds, unit])
     if rows:
         print_table("Expected to become more certain, most first", ["parameter", "± now", "± after", "unit"], rows)
-    say(*found.advice)
+    say(*planned.advice)

@@ -31,34 +31,34 @@ def command(paths: tuple[Path, ...], output: Path, show_all: bool) -> None:
     """
     if len({os.path.realpath(path) for path in paths}) < len(paths):
         raise InputError("an arm file is given twice: each sister counts once")
-    found = common({str(path): load_arm(path) for path in paths})
-    kept = [path for path in paths if str(path) in found.sisters]
+    fleet = common({str(path): load_arm(path) for path in paths})
+    kept = [path for path in paths if str(path) in fleet.sisters]
     content = {
         "format": "armflex-prior-1",
-        "sisters": found.sisters,
-        "strangers": [{"arm": name, "log_odds": odds} for name, odds in found.strangers.items()],
+        "sisters": fleet.sisters,
+        "strangers": [{"arm": name, "log_odds": odds} for name, odds in fleet.strangers.items()],
         "parameters": [
-            record(one, "unit", name="label") | {"mean": mean, "spread": spread, "std": std}
-            for one, mean, spread, std in zip(found.parameters, found.mean, found.spread, found.std, strict=True)
+            record(parameter, "unit", name="label") | {"mean": mean, "spread": spread, "std": std}
+            for parameter, mean, spread, std in zip(fleet.parameters, fleet.mean, fleet.spread, fleet.std, strict=True)
         ],
-        "held": [one.label for one in found.held],
+        "held": [parameter.label for parameter in fleet.held],
     }
     with together():
         options.write_json(content)
-        write_prior(kept[0], found.each, output)
+        write_prior(kept[0], fleet.each, output)
     rows = [
-        [one.label, *(number(value, 3) for value in values), one.unit]
-        for one, *values in zip(found.parameters, found.mean, found.spread, found.std, strict=True)
+        [parameter.label, *(number(value, 3) for value in values), parameter.unit]
+        for parameter, *values in zip(fleet.parameters, fleet.mean, fleet.spread, fleet.std, strict=True)
     ]
     print_table(
-        f"{len(found.sisters)} sisters",
+        f"{len(fleet.sisters)} sisters",
         ["parameter", "mean", "spread", "± of the next one", "unit"],
         rows if show_all else rows[:MOST_LINES],
     )
     if not show_all and len(rows) > MOST_LINES:
         say(f"{len(rows) - MOST_LINES} more with --all.")
-    if found.held:
-        say(f"As declared, because others do the same to every reading: {listing((p.label for p in found.held), 8)}.")
-    for name, odds in found.strangers.items():
+    if fleet.held:
+        say(f"As declared, because others do the same to every reading: {listing((p.label for p in fleet.held), 8)}.")
+    for name, odds in fleet.strangers.items():
         say(f"Left out: {name} is no sister of the others (odds of 1 to {number(10 ** min(odds / 2.3026, 300), 2)}).")
     say_written(output)

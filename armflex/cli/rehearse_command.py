@@ -36,34 +36,36 @@ def command(
     arm = options.declared_arm(arm_path, "rehearse", lax=lax)
     rows = None if rows_path is None else read_measurements(rows_path, arm, inputs_only=True)
     with progress("rehearsing: effects hidden") as tick:
-        found = rehearse(arm, rows, sigma=sigma, size=size, draws=draws, seed=seed, progress=tick)
-    options.conclude(found.content, ())
-    print_rehearsal(found)
+        rehearsal = rehearse(arm, rows, sigma=sigma, size=size, draws=draws, seed=seed, progress=tick)
+    options.conclude(rehearsal.content, ())
+    print_rehearsal(rehearsal)
 
 
-def print_rehearsal(found: Rehearsal) -> None:
+def print_rehearsal(rehearsal: Rehearsal) -> None:
     """Print a line for every law, the hardest to name first, what its columns are, and what these rows cannot show."""
     rows = []
-    for name, some in found.laws:
-        named, within, nothing, confused = summary(some)
-        size = sum(one.size for one in some) / len(some)
+    for name, chances_of in rehearsal.laws:
+        named, within, nothing, confused = summary(chances_of)
+        size = sum(chance.size for chance in chances_of) / len(chances_of)
         chances = [f"{share:.0%}" for share in (named, nothing, max(1.0 - named - nothing, 0.0))]
-        rows.append([name, str(len(some)), number(size * 1e3, 2), *chances, confused or "-", f"{within:.0%}"])
+        rows.append([name, str(len(chances_of)), number(size * 1e3, 2), *chances, confused or "-", f"{within:.0%}"])
     columns = ["hidden effect", "places", "size mm", "own name", "calibration", "another", "mostly", "in set"]
-    print_table(f"Mean probability after {found.read} rows are read", columns, rows)
+    print_table(f"Mean probability after {rehearsal.read} rows are read", columns, rows)
     say(
         "Figures are means over the places of an effect, which is called as in [[effect]] of an arm.toml; unnamed_ "
         "begins the name of a shape without a cause.",
-        f"size: RMS of how far the effect moves the target, {number(found.size * 1e3, 3)} mm, or less where no machine "
+        f"size: RMS of how far the effect moves the target, {number(rehearsal.size * 1e3, 3)} mm, "
+        "or less where no machine "
         "has so much.",
         "own name: probability of the effect itself; calibration: that nothing is missing, because the fitted "
         "parameters take the effect up or the noise hides it; another: of all other effects, mostly the one listed.",
         "in set: share of the campaigns in which the effect is among the likeliest that together have 95 %.",
     )
-    clear = sum(one.named >= CLEAR for one in found.effects)
-    failed = [one for one in found.effects if one.named < DOUBTFUL]
-    still = sum(one.size == 0.0 for one in failed)
+    clear = sum(effect.named >= CLEAR for effect in rehearsal.effects)
+    failed = [effect for effect in rehearsal.effects if effect.named < DOUBTFUL]
+    still = sum(effect.size == 0.0 for effect in failed)
     say(
-        f"{clear} of {len(found.effects)} effects would get their own name with a probability of {CLEAR:.0%} or more, "
+        f"{clear} of {len(rehearsal.effects)} effects would get their own name "
+        f"with a probability of {CLEAR:.0%} or more, "
         f"{len(failed)} with less than {DOUBTFUL:.0%}; {still} do not move what is read at all (size 0)."
     )

@@ -46,15 +46,16 @@ def command(
         raise InputError("which report? --iso9283 is known; of a trace it is written by `armflex trace --report`")
     measurements = read_measurements(measurements_path, arm, points=points, unnamed=unnamed)
     doing("finding pose characteristics")
-    found = iso9283(arm, measurements, block)
+    performance = iso9283(arm, measurements, block)
     with together():
-        options.conclude(found.content, measurements.flags, arm)
+        options.conclude(performance.content, measurements.flags, arm)
         if output is not None:
-            write_report(found, output)
-    print_table("ISO 9283 pose characteristics", *table(found))
-    for name, several in (("vAP", found.directions), ("dAP", found.drifts)):
-        for one in several:
-            again = "" if one.repeatability is None else f", dRP {millimetres(one.repeatability)}"
-            say(f"{one.pose}: {name} {millimetres(one.accuracy)}{again} ({one.number} {one.of}).")
-    say("", *found.remarks)
+            write_report(performance, output)
+    print_table("ISO 9283 pose characteristics", *table(performance))
+    for name, several in (("vAP", performance.directions), ("dAP", performance.drifts)):
+        for characteristic in several:
+            again = "" if characteristic.repeatability is None else f", dRP {millimetres(characteristic.repeatability)}"
+            accuracy, count = millimetres(characteristic.accuracy), f"{characteristic.number} {characteristic.of}"
+            say(f"{characteristic.pose}: {name} {accuracy}{again} ({count}).")
+    say("", *performance.remarks)
     say_written(output)

@@ -24,5 +24,5 @@ def command(name: str | None) -> None:
         return
     full = name if name in names else f"armflex-{name}-1"
     if full not in names:
-        raise UnknownNameError("schema", name, [known.removeprefix("armflex-").removesuffix("-1") for known in names])
+        raise UnknownNameError("schema", name, [schema.removeprefix("armflex-").removesuffix("-1") for schema in names])
     say_file(json.dumps(read_schema(full), indent=1))

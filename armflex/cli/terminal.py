@@ -141,7 +141,7 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[obje
     """
     out, texts = stream(), [[printable(str(cell)) for cell in row] for row in rows]
     cells = [[printable(column), *(row[i] for row in texts)] for i, column in enumerate(columns)]
-    least = [max(map(cell_len, " ".join(own).split()), default=0) for own in cells]
+    least = [max(map(cell_len, " ".join(column).split()), default=0) for column in cells]
     parts: list[list[int]] = [[0]]
     for i in range(1, len(columns)):
         width = sum(least[j] + BETWEEN for j in (*parts[-1], i)) - 1
@@ -158,12 +158,12 @@ def _print_part(out: Console, title: str, cells: Sequence[Sequence[str]], rows: 
     for index, (header, *column) in enumerate(cells):
         numeric = index > 0 and all(not cell or cell[0] in "+-.×0123456789" for cell in column)
         table.add_column(header, justify="right" if numeric else "left", overflow="fold")
-    for row, own in zip(rows, zip(*(column[1:] for column in cells), strict=True), strict=True):
+    for row, texts in zip(rows, zip(*(column[1:] for column in cells), strict=True), strict=True):
         failed = "fail" in row or "not reached" in row
-        table.add_row(*own, style="red" if failed else "yellow" if "uncertain" in row else None)
+        table.add_row(*texts, style="red" if failed else "yellow" if "uncertain" in row else None)
     # rich would rather break a word than be wider.
-    whole = [max(map(cell_len, own)) for own in cells]
-    least = [max(map(cell_len, " ".join(own).split()), default=0) for own in cells]
+    whole = [max(map(cell_len, column)) for column in cells]
+    least = [max(map(cell_len, " ".join(column).split()), default=0) for column in cells]
     rules = out.measure(table, options=out.options.update(max_width=ENDLESS)).maximum - sum(whole)
     free = max(out.width - rules - sum(least), 0)
     for column, narrow, wide in zip(table.columns, least, whole, strict=True):

@@ -46,12 +46,12 @@ MOST_KINDS = 3
 """Kinds of effect, and places of each, that are shown on the terminal; the files hold all."""
 
 
-def _print_families(found: Trace, unit: str, factor: float) -> None:
+def _print_families(traced: Trace, unit: str, factor: float) -> None:
     """Print which kinds of effect there are: in a line where names explain them."""
-    kinds = found.families
+    kinds = traced.families
     if kinds is None or not kinds.found:
         return
-    if found.accepted and not found.state.background.names:
+    if traced.accepted and not traced.state.background.names:
         every = (f"{family.name} {number(family.rms * factor, 3)} {unit}" for family in kinds.found)
         say(f"Kinds of effect it lacked: {listing(every, MOST_KINDS)}.")
         return
@@ -128,20 +128,20 @@ def command(
     arm = options.declared_arm(arm_path, "trace", keep, lax)
     measurements = measured(arm)
     with enough_memory(f"{len(measurements)} rows"), _interruptible():
-        found = trace(
+        traced = trace(
             arm, measurements, None, show_stage, keep, doing, anyway, ask or 0, covariates, minutes, halves or 0
         )
         show_stage("writing")
         try:
-            outputs.write(found)
+            outputs.write(traced)
         finally:  # also where it could not be written
-            print_trace(found)
-            derived = derived_directions(found.arm, measurements, found.rows)
-            show_flags((*measurements.flags, *derived, *found.flags))
-    if ask and not found.asked:
+            print_trace(traced)
+            derived = derived_directions(traced.arm, measurements, traced.rows)
+            show_flags((*measurements.flags, *derived, *traced.flags))
+    if ask and not traced.asked:
         say("No rows are asked for: none would decide what is in question.")
-    say_written(*([outputs.rows(found)] if found.asked else []), output, report_path)
-    return int(found.unfinished)
+    say_written(*([outputs.rows(traced)] if traced.asked else []), output, report_path)
+    return int(traced.unfinished)
 
 
 @contextmanager
@@ -150,12 +150,12 @@ def _interruptible() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {one: signal.signal(one, signal.default_int_handler) for one in (signal.SIGINT, signal.SIGTERM)}
+    before = {which: signal.signal(which, signal.default_int_handler) for which in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield
     finally:
-        for one, handler in before.items():
-            signal.signal(one, handler)
+        for which, handler in before.items():
+            signal.signal(which, handler)
 
 
 @dataclass(frozen=True)
@@ -166,146 +166,151 @@ class Outputs:
     report: Path | None
     json: Path | None
 
-    def rows(self, found: Trace) -> Path | None:
+    def rows(self, traced: Trace) -> Path | None:
         """Return where the rows go that were asked for, None where none were."""
-        return None if found.asked is None else self.arm.parent / f"{found.asked.stem}.csv"
+        return None if traced.asked is None else self.arm.parent / f"{traced.asked.stem}.csv"
 
-    def write(self, found: Trace) -> None:
+    def write(self, traced: Trace) -> None:
         """Write all of them or none.
 
         Raises:
             FileError: One cannot be written.
         """
         writers: list[tuple[Path | None, Callable[[Path], object]]] = [
-            (self.arm, found.write),
-            (self.json, lambda path: options.write_json(as_json(found), path)),
-            (self.report, lambda path: write_report(found, path)),
+            (self.arm, traced.write),
+            (self.json, lambda path: options.write_json(as_json(traced), path)),
+            (self.report, lambda path: write_report(traced, path)),
         ]
-        if found.asked is not None:
-            asked = found.asked
-            writers.append((self.rows(found), lambda path: write_plan(asked, path)))
+        if traced.asked is not None:
+            asked = traced.asked
+            writers.append((self.rows(traced), lambda path: write_plan(asked, path)))
         with together():
             for path, write in writers:
                 if path is not None:
                     write(path)
 
 
-def print_trace(found: Trace) -> None:
+def print_trace(traced: Trace) -> None:
     """Print the errors before and after, what was added, what else it may be, what is left, and what to measure."""
-    held_out = found.held_out
+    held_out = traced.held_out
     figures = [
-        [f"declared, {found.calibration.placing}", found.declared_rms, None],
-        ["calibrated", found.calibrated_rms, held_out[0]],
-        ["with what was found", found.rms, held_out[1]],
-        ["stated noise", found.noise_rms, None],
+        [f"declared, {traced.calibration.placing}", traced.declared_rms, None],
+        ["calibrated", traced.calibrated_rms, held_out[0]],
+        ["with what was found", traced.rms, held_out[1]],
+        ["stated noise", traced.noise_rms, None],
     ]
-    readings = found.state.measurements.readings
+    readings = traced.state.measurements.readings
     unit, factor = SHOWN[readings.unit]
     rows = [[name, *("-" if rms is None else number(rms * factor, 3) for rms in pair)] for name, *pair in figures]
-    title = f"RMS of the {readings.error_title} over {len(found.rows)} rows"
+    title = f"RMS of the {readings.error_title} over {len(traced.rows)} rows"
     print_table(title, ["", f"all rows {unit}", f"poses held out {unit}"], rows)
-    if at_target := found.state.fit.view.at_target(found.rms):
+    if at_target := traced.state.fit.view.at_target(traced.rms):
         say(at_target)
-    print_campaigns(found.campaigns, ("calibrated", "with what was found"), readings.unit)
-    _print_families(found, unit, factor)
+    print_campaigns(traced.campaigns, ("calibrated", "with what was found"), readings.unit)
+    _print_families(traced, unit, factor)
     columns = ["added", "site", "axis", "depends on", "value ± standard uncertainty", f"held out {unit}"]
-    unsettled = [one for one in found.found if not one.is_named]
-    for title, some in (("Effects identified", found.named), ("In the arm, but not settled", unsettled)):
-        if some:
-            print_table(title, columns, [row for one in some for row in _lines(one, factor)])
-    if found.halves is not None:
-        print_table(HALVES_TITLE, HALVES_HEAD, [one.cells for one in counted(found.halves)])
-    say(*_remarks(found))
+    unsettled = [effect for effect in traced.found if not effect.is_named]
+    for title, effects in (("Effects identified", traced.named), ("In the arm, but not settled", unsettled)):
+        if effects:
+            print_table(title, columns, [row for effect in effects for row in _lines(effect, factor)])
+    if traced.halves is not None:
+        print_table(HALVES_TITLE, HALVES_HEAD, [half.cells for half in counted(traced.halves)])
+    say(*_remarks(traced))
 
 
-def _lines(found: Found, factor: float) -> Iterator[list[str]]:
+def _lines(effect_found: Found, factor: float) -> Iterator[list[str]]:
     """Yield one line for each value of an effect; the first one says which effect it is.
 
     `factor` is that of errors in the unit that they are shown in.
     """
-    effect, proof = found.effect, found.proof
+    effect, proof = effect_found.effect, effect_found.proof
     held_out = f"{number(proof.before * factor, 3)} -> {number(proof.after * factor, 3)}"
     depends = ", ".join(effect.location.covariates) or "-"
     head = [" ".join(filter(None, names_of(effect.law))), effect.location.place, effect.location.axis or "-", depends]
     values = list(zip(effect.named.items(), effect.units, strict=True))
     for (name, value), unit in values[:MOST_LINES]:
-        std = f" ± {found.std[name]:.2g}" if found.std.get(name) else ""
+        std = f" ± {effect_found.std[name]:.2g}" if effect_found.std.get(name) else ""
         yield [*head, f"{name} {value:.4g}{std} {unit}", held_out]
         head, held_out = ["", "", "", ""], ""
 
 
-def _remarks(found: Trace) -> Iterator[str]:
+def _remarks(traced: Trace) -> Iterator[str]:
     """Yield the result in sentences, as a page has it, what became of doubtful rows, and what to measure next."""
-    yield headline(found)
-    signs = {one.effect.law.words.title: one.effect.law.words.signs for one in found.named}
+    yield headline(traced)
+    signs = {effect.effect.law.words.title: effect.effect.law.words.signs for effect in traced.named}
     yield from (f"Signs of {title}: {text}." for title, text in signs.items() if text)
-    for one in found.found:
-        others = "".join(f", {share:.0%} {effect.title}" for effect, share in one.credible[:3])
-        yield f"Probability: {one.probability:.0%} {one.title}{numbered(one.number)}{others}."
-    if found.outliers:
-        lost, less = found.outlier_count("lost beam"), found.outlier_count("counted less")
+    for effect in traced.found:
+        others = "".join(f", {share:.0%} {effect.title}" for effect, share in effect.credible[:3])
+        yield f"Probability: {effect.probability:.0%} {effect.title}{numbered(effect.number)}{others}."
+    if traced.outliers:
+        lost, less = traced.outlier_count("lost beam"), traced.outlier_count("counted less")
         yield f"Outliers, in none of the figures: {lost} readings excluded as lost beams, {less} rows down-weighted."
-    if pairs := [one for one in found.outliers if one.fellow]:
-        said = listing(f"{one.place or one.row} and {one.fellow}" for one in pairs[::2])
+    if pairs := [outlier for outlier in traced.outliers if outlier.fellow]:
+        said = listing(f"{outlier.place or outlier.row} and {outlier.fellow}" for outlier in pairs[::2])
         yield f"Exchanged readings, excluded: {said}."
-    if unknown := len(found.unjudged):
+    if unknown := len(traced.unjudged):
         yield f"{unknown} of the rows are not in the fit: the direction of a joint is not known before it first moves."
-    yield from further(found)
-    more = len(found.next_measurement) - MOST_ADVICE
-    shown = found.next_measurement[:MOST_ADVICE] if more > 1 else found.next_measurement
+    yield from further(traced)
+    more = len(traced.next_measurement) - MOST_ADVICE
+    shown = traced.next_measurement[:MOST_ADVICE] if more > 1 else traced.next_measurement
     for advice in shown:
         yield f"Next: {advice}"
     if more > 1:
         yield f"{more} further measurements are proposed in the files of --report and --json."
 
 
-def as_json(found: Trace) -> dict[str, Any]:
+def as_json(traced: Trace) -> dict[str, Any]:
     """Return a trace for programs: RMS in mm, parameters SI.
 
     Where no length was read, what is called mm is thousandths of the unit that was, and beside it stands what is in it.
     """
-    left, unit, undecided = found.unexplained, found.state.measurements.readings.unit, found.undecided
-    kinds = found.families
+    left, unit, undecided = traced.unexplained, traced.state.measurements.readings.unit, traced.undecided
+    kinds = traced.families
     stages = ("calibrated", "after")
     errors = {
-        "noise_rms": found.noise_rms,
-        "rms": dict(zip(("declared", *stages), (found.declared_rms, found.calibrated_rms, found.rms), strict=True)),
-        "held_out_rms": dict(zip(stages, found.held_out, strict=True))
+        "noise_rms": traced.noise_rms,
+        "rms": dict(zip(("declared", *stages), (traced.declared_rms, traced.calibrated_rms, traced.rms), strict=True)),
+        "held_out_rms": dict(zip(stages, traced.held_out, strict=True))
         | ({} if kinds is None else {"families": kinds.held_out[1]}),
     }
     said = {
         "format": "armflex-trace-1",
-        **({} if found.nothing is None else record(found, "nothing")),
-        **({"unfinished": True} if found.unfinished else {}),
-        **({"ended": found.ended} if found.ended else {}),
-        "rows": len(found.rows),
-        **campaigns_json(found.campaigns, stages),
+        **({} if traced.nothing is None else record(traced, "nothing")),
+        **({"unfinished": True} if traced.unfinished else {}),
+        **({"ended": traced.ended} if traced.ended else {}),
+        "rows": len(traced.rows),
+        **campaigns_json(traced.campaigns, stages),
         **{f"{name}_mm": scaled(value, 1e3) for name, value in errors.items()},
         **({} if unit == "m" else errors | {"unit": unit}),
-        "effects": [_effect_json(one) for one in found.found]
-        or [place_json(one.law, one.location) | {"parameters": _values_json(one, std)} for one, std in found.accepted],
+        "effects": [_effect_json(effect) for effect in traced.found]
+        or [
+            place_json(accepted.law, accepted.location) | {"parameters": _values_json(accepted, std)}
+            for accepted, std in traced.accepted
+        ],
         "unexplained": left
         and record(left, "axis std unit")
         | {"site": left.site and left.site.removeprefix(LINK), "rms_mm": left.rms * 1e3, "covariates": []},
-        "not_identifiable": [record(one, "effect site reason") for one in found.not_identifiable],
-        **record(found, "next_measurement", noise_over_stated="noise"),
-        "smallest_shown_mm": {one.effect: scaled(record(one, "least most"), 1e3) for one in found.smallest},
+        "not_identifiable": [record(hidden, "effect site reason") for hidden in traced.not_identifiable],
+        **record(traced, "next_measurement", noise_over_stated="noise"),
+        "smallest_shown_mm": {
+            smallest.effect: scaled(record(smallest, "least most"), 1e3) for smallest in traced.smallest
+        },
         "outliers": [
-            outlier_json(one)
-            | {"error_mm": one.error_m * 1e3, "kind": one.kind}
-            | ({} if unit == "m" else {"error": one.error_m, "unit": unit})
-            for one in found.outliers
+            outlier_json(outlier)
+            | {"error_mm": outlier.error_m * 1e3, "kind": outlier.kind}
+            | ({} if unit == "m" else {"error": outlier.error_m, "unit": unit})
+            for outlier in traced.outliers
         ],
-        "flags": found.flags,
-        "held_out_chosen_again_rms_mm": found.compared and _before_after(found.compared, stages),
-        "held_out_is_of": HELD_OUT_IS_OF if found.compared is not None else "nothing was chosen",
+        "flags": traced.flags,
+        "held_out_chosen_again_rms_mm": traced.compared and _before_after(traced.compared, stages),
+        "held_out_is_of": HELD_OUT_IS_OF if traced.compared is not None else "nothing was chosen",
         "families": [] if kinds is None else [_family_json(family, kinds) for family in kinds.found],
         "undecided": undecided
         and record(undecided, "poses likeliest") | {"rms_mm": undecided.rms * 1e3, "stated_mm": undecided.stated * 1e3},
         "nuisances": [] if kinds is None else list(_nuisances_json(kinds)),
-        "suspects": _credible_json(found.suspects),
-        **({} if found.halves is None else {"halves": [_half_json(one) for one in found.halves]}),
-        "resampled": found.resampled and record(found.resampled, "by mismatch"),
+        "suspects": _credible_json(traced.suspects),
+        **({} if traced.halves is None else {"halves": [_half_json(half) for half in traced.halves]}),
+        "resampled": traced.resampled and record(traced.resampled, "by mismatch"),
     }
     return plain(said)
 
@@ -320,9 +325,9 @@ def _nuisances_json(kinds: Families) -> Iterator[dict[str, Any]]:
                 yield {"kind": "drift", "size": {"value": place.rms, "std": None, "unit": "m"}} | said
 
 
-def _half_json(one: Replicated) -> dict[str, Any]:
-    said = record(one, "split half probability probability_there in_other_half numbers_agree")
-    return place_json(one.effect.law, one.effect.location) | said
+def _half_json(half: Replicated) -> dict[str, Any]:
+    said = record(half, "split half probability probability_there in_other_half numbers_agree")
+    return place_json(half.effect.law, half.effect.location) | said
 
 
 def _family_json(family: FamilyFound, kinds: Families) -> dict[str, Any]:
@@ -334,22 +339,22 @@ def _family_json(family: FamilyFound, kinds: Families) -> dict[str, Any]:
     }
 
 
-def _effect_json(found: Found) -> dict[str, Any]:
-    effect, proof = found.effect, found.proof
-    credible = ((effect, found.probability), *found.credible)
+def _effect_json(named: Found) -> dict[str, Any]:
+    effect, proof = named.effect, named.proof
+    credible = ((effect, named.probability), *named.credible)
     return {
         **place_json(effect.law, effect.location),
-        "parameters": _values_json(effect, found.std),
+        "parameters": _values_json(effect, named.std),
         "held_out_rms_mm": _before_after(proof),
-        "equivalent": [place_json(one.law, one.location) for one, _ in found.equivalent],
+        "equivalent": [place_json(alike.law, alike.location) for alike, _ in named.equivalent],
         "held_out_sessions_rms_mm": scaled(record(proof, before="sessions_before", after="sessions_after"), 1e3),
         "credible": _credible_json(credible),
-        **record(found, "probability evidence determined", named="is_named"),
+        **record(named, "probability evidence determined", named="is_named"),
     }
 
 
-def _credible_json(some: Iterable[tuple[Effect, float]]) -> list[dict[str, Any]]:
-    return [place_json(one.law, one.location) | {"probability": chance} for one, chance in some]
+def _credible_json(effects: Iterable[tuple[Effect, float]]) -> list[dict[str, Any]]:
+    return [place_json(effect.law, effect.location) | {"probability": chance} for effect, chance in effects]
 
 
 def _before_after(proof: Any, names: tuple[str, str] = ("before", "after")) -> dict[str, float]:

@@ -134,8 +134,8 @@ def module_of(text: str) -> Callable[[], Any]:
 
     code = guarded(lambda: runpy.run_path(str(path)))
     if not callable(make := code.get(called)):
-        own = [key for key, value in code.items() if callable(value) and not key.startswith("_")]
-        raise UnknownNameError(f"class in {path}", called, own)
+        classes = [key for key, value in code.items() if callable(value) and not key.startswith("_")]
+        raise UnknownNameError(f"class in {path}", called, classes)
     return lambda: guarded(make)
 
 

@@ -48,12 +48,12 @@ class Block(ABC):
 
     def jacobian(self, view: View) -> Array:
         """Return (M, d, k) changes of the readings per parameter at the view's setup."""
-        found = self.columns(view)
+        columns = self.columns(view)
         if not (view.indirect and self.moves):
-            return found
+            return columns
         here, sizes = self.at_setup(view.setup), self.steps
         setups = ((here.stepped(view.setup, step), size) for step, size in zip(np.diag(sizes), sizes, strict=True))
-        return found + view.quotients(self, setups)
+        return columns + view.quotients(self, setups)
 
     @abstractmethod
     def columns(self, view: View) -> Array:
@@ -87,13 +87,13 @@ class Block(ABC):
         """Return the setup a (k,) step away, to first order in how the arm bends."""
         return self.apply(setup, step)
 
-    def resized(self, places: np.ndarray, values: Array, known: LinearGaussian) -> Block:
+    def resized(self, places: np.ndarray, values: Array, posterior: LinearGaussian) -> Block:
         """Return the block with a prior as wide as a fit says, where that is open: a step of EM.
 
         Args:
             places: (k,) of its parameters among the P of the fit.
             values: (P,) what the fit found.
-            known: What is known of those.
+            posterior: What is known of those.
         """
         return self
 
@@ -187,7 +187,7 @@ class EffectBlock(Block):
     def _origin(self) -> Array:
         """Inner values that the free ones move from: as they are, or where a prior holds them."""
         inners = zip(self.effect.law.inner, self.effect.inner, strict=True)
-        return np.array([value if one.spread is None else one.default for one, value in inners], float)
+        return np.array([value if inner.spread is None else inner.default for inner, value in inners], float)
 
     def at_setup(self, setup: Setup) -> EffectBlock:
         return replace(self, effect=setup.arm.effects[self.ordinal])
@@ -258,12 +258,14 @@ def amplitude_prior(effect: Effect, free: tuple[int, ...], view: View, context: 
     What pulls towards a point is no farther from where its search ended than the arm reaches.
     """
     jacobian = view.effect_jacobian(effect, context)
-    moved = np.array([view.rms(one) for one in jacobian.transpose(2, 0, 1)]) / view.per_metre
+    moved = np.array([view.rms(column) for column in jacobian.transpose(2, 0, 1)]) / view.per_metre
     # What moves nothing stays at zero rather than wander off.
     amplitudes = np.where(moved > 0.0, view.largest_motion / np.where(moved > 0.0, moved, 1.0), RESOLUTION)
     amplitudes = np.minimum(amplitudes, [effect.law.amplitudes[i].most for i in effect.location.terms])
     far = context.size if effect.law.spatial else np.inf
-    searched = [one.spread or (LOOSE_INNER if one.positive else far) for one in map(effect.law.inner.__getitem__, free)]
+    searched = [
+        inner.spread or (LOOSE_INNER if inner.positive else far) for inner in map(effect.law.inner.__getitem__, free)
+    ]
     return np.concatenate([amplitudes, searched])
 
 
@@ -284,11 +286,11 @@ class LawsBlock(Block):
     def parameters(self) -> tuple[ArmParameter, ...]:
         kind = ParameterKind.COMPLIANCE if self.logarithmic else ParameterKind.LAW
         pairs = zip(self.flexures, self.laws, strict=True)
-        return tuple(one for name, law in pairs for one in of_law(name, law, kind))
+        return tuple(parameter for name, law in pairs for parameter in of_law(name, law, kind))
 
     @property
     def prior(self) -> Array:
-        return np.array([one.prior for law in self.laws for one in law.parameters])
+        return np.array([parameter.prior for law in self.laws for parameter in law.parameters])
 
     @property
     def start(self) -> Array:
@@ -302,14 +304,14 @@ class LawsBlock(Block):
             free = self._free(place, view.setup.arm.flexures[index].law)
             jacobian.append((index, free.by_values(line.flexure_wrenches[:, index], line.row)))
         return view.answer(
-            lambda one: np.concatenate([one.laws[:, :, index] @ twist for index, twist in jacobian], axis=2)
+            lambda line: np.concatenate([line.laws[:, :, index] @ twist for index, twist in jacobian], axis=2)
         )
 
     def apply(self, setup: Setup, values: Array) -> Setup:
-        return self._with(setup, [law.at(own) for law, own in zip(self.laws, self.split(values), strict=True)])
+        return self._with(setup, [law.at(part) for law, part in zip(self.laws, self.split(values), strict=True)])
 
     def stepped(self, setup: Setup, step: Array) -> Setup:
-        return self._with(setup, [law.moved(own) for law, own in zip(self.laws, self.split(step), strict=True)])
+        return self._with(setup, [law.moved(part) for law, part in zip(self.laws, self.split(step), strict=True)])
 
     def split(self, values: np.ndarray) -> list[np.ndarray]:
         """Return every law's part of (k,) values."""
@@ -331,8 +333,8 @@ class LawBlock(LawsBlock):
     laws: tuple[LearnedLaw, ...]
 
     def at_setup(self, setup: Setup) -> LawBlock:
-        known = learned_laws(setup.arm)
-        return replace(self, laws=tuple(known[name] for name in self.flexures))
+        laws = learned_laws(setup.arm)
+        return replace(self, laws=tuple(laws[name] for name in self.flexures))
 
     def _free(self, place: int, law: Law) -> Law:
         return law
@@ -353,7 +355,11 @@ class FactorBlock(LawsBlock):
 
     def _with(self, setup: Setup, laws: Sequence[ScaledLaw]) -> Setup:
         arm, steps = setup.arm, {name: law.logarithms for name, law in zip(self.flexures, laws, strict=True)}
-        own = {one.name: scaled(one.law, np.exp(0.5 * steps[one.name])) for one in arm.flexures if one.name in steps}
+        own = {
+            flexure.name: scaled(flexure.law, np.exp(0.5 * steps[flexure.name]))
+            for flexure in arm.flexures
+            if flexure.name in steps
+        }
         factors = {name: arm.factors.get(name, np.zeros(6)) + step for name, step in steps.items()}
         return replace(setup, arm=replace(with_laws(arm, own), factors={**arm.factors, **factors}))
 
@@ -372,7 +378,7 @@ def with_laws(arm: Arm, laws: Mapping[str, Law]) -> Arm:
 def factor_block(arm: Arm, axes: Mapping[str, tuple[int, ...]], std: float = 0.0) -> FactorBlock:
     """Return the block of factors on some axes of flexures' compliances."""
     laws = {flexure.name: flexure.law for flexure in arm.flexures}
-    return FactorBlock(tuple(axes), tuple(ScaledLaw(laws[name], np.zeros(6), own, std) for name, own in axes.items()))
+    return FactorBlock(tuple(axes), tuple(ScaledLaw(laws[name], np.zeros(6), free, std) for name, free in axes.items()))
 
 
 def law_block(setup: Setup, rows: View, seen: Mapping[str, Seen] | None = None) -> LawBlock | None:
@@ -387,5 +393,7 @@ def law_block(setup: Setup, rows: View, seen: Mapping[str, Seen] | None = None) 
         loads = seen[flexure.name] if seen else seen_in(declared, rows.line.flexure_wrenches[:, index], rows.line.row)
         return learned_law(declared, flexure.learn, loads)
 
-    laws = {one.name: start(one, i) for i, one in enumerate(setup.arm.flexures) if one.learn is not None}
+    laws = {
+        flexure.name: start(flexure, i) for i, flexure in enumerate(setup.arm.flexures) if flexure.learn is not None
+    }
     return LawBlock(tuple(laws), tuple(laws.values())) if laws else None

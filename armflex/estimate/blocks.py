@@ -102,24 +102,27 @@ def session_block(setup: Setup, sessions: tuple[str, ...], translation: float = 
     campaigns, whose frames are among those of sessions: the gravity of a level instrument turns with them.
     """
     guess, level = setup.instrument.sessions, setup.arm.measurement.gravity_in == "measurement"
-    known = (*setup.instrument.campaigns, *sessions)
-    first = replace(setup.instrument, sessions={name: guess[name] for name in known if name in guess})
+    names = (*setup.instrument.campaigns, *sessions)
+    first = replace(setup.instrument, sessions={name: guess[name] for name in names if name in guess})
 
     def changes(view: View) -> Array:
         now, by_session = view.setup.instrument, view.by_session
-        found = np.zeros((*view.residual.shape, 6 * len(sessions)))
+        columns = np.zeros((*view.residual.shape, 6 * len(sessions)))
         for i, name in enumerate(sessions):
             twists = twist_per_value(motion_of(now.frame(name) * first.frame(name).inverse()))
             column = by_session
             if name in now.campaigns:  # what its sessions add comes after it
-                after = {one: np.eye(6) if one == name else now.frame(one).action for one in set(view.sessions)}
-                column = by_session @ np.array([after[one] for one in view.sessions])
+                after = {
+                    session: np.eye(6) if session == name else now.frame(session).action
+                    for session in set(view.sessions)
+                }
+                column = by_session @ np.array([after[session] for session in view.sessions])
                 if level:
                     turned = (now.frame(name).rotation @ now.pose.rotation).T
                     column[:, :, 3:] += _by_fall(view) @ turned
-            own = now.reads_in(name, view.sessions)
-            found[own, :, 6 * i : 6 * i + 6] = column[own] @ twists
-        return found
+            read = now.reads_in(name, view.sessions)
+            columns[read, :, 6 * i : 6 * i + 6] = column[read] @ twists
+        return columns
 
     def moved(setup: Setup, values: Array) -> Setup:
         instrument = replace(setup.instrument, sessions=first.sessions)
@@ -151,8 +154,8 @@ def remounted_block(setup: Setup, sessions: tuple[str, ...], std: float = 0.0, t
     def changes(view: View) -> Array:
         parts = [view.by_target, *([view.by_mounting] if turned else [])]
         whole, instrument = np.concatenate(parts, axis=2), view.setup.instrument
-        own = [instrument.reads_in(name, view.sessions) for name in sessions]
-        return np.concatenate([whole * rows[:, None, None] for rows in own], axis=2)
+        read = [instrument.reads_in(name, view.sessions) for name in sessions]
+        return np.concatenate([whole * rows[:, None, None] for rows in read], axis=2)
 
     def moved(setup: Setup, values: Array) -> Setup:
         targets = dict(setup.instrument.targets)
@@ -201,20 +204,20 @@ def sensor_block(setup: Setup, name: str, sessions: tuple[str, ...]) -> Block:
 
 def sensor_keys(sensor: Sensor, sessions: Sequence[str], kinds: Sequence[Kind]) -> tuple[str, ...]:
     """Return what of a sensor a campaign has to find apart: its sessions, or the sockets that were touched."""
-    texts = (one for kind in kinds if kind.name == sensor.name for one in kind.texts or ())
+    texts = (text for kind in kinds if kind.name == sensor.name for text in kind.texts or ())
     return sensor.keys(sessions, list(texts))
 
 
 def sensor_start(view: View) -> dict[ArmParameter, float]:
     """Return where a fit of what is open of the sensors may begin."""
-    found: dict[ArmParameter, float] = {}
-    for kind in (one for one in view.readings.kinds if one.name):
+    begun_at: dict[ArmParameter, float] = {}
+    for kind in (kind for kind in view.readings.kinds if kind.name):
         sensor = view.arm.sensors[kind.name]
         for key in sensor_keys(sensor, view.sessions, view.readings.kinds):
             begun = kind.begun(view.at, key)
             if begun is not None:
-                found |= dict(zip(of_sensor(sensor, [key]), begun[sensor.free_in(key)].tolist(), strict=True))
-    return found
+                begun_at |= dict(zip(of_sensor(sensor, [key]), begun[sensor.free_in(key)].tolist(), strict=True))
+    return begun_at
 
 
 def offset_block(setup: Setup, std: float = 0.0) -> Block:
@@ -264,7 +267,7 @@ def mass_block(names: tuple[str, ...], std: ArrayLike = 0.0) -> Block:
 
     def changes(view: View) -> Array:
         """Return the columns of what weighs: a frequency's are difference quotients, as inertia counts there."""
-        arm, found = view.arm, []
+        arm, columns = view.arm, []
         gravity, loads = arm.robot.gravity, np.array([view.driven.payload[row] for row in view.rows])
         for name in names:
             carried = name.startswith(CARRIED)
@@ -274,8 +277,8 @@ def mass_block(names: tuple[str, ...], std: ArrayLike = 0.0) -> Block:
             share = body.mass * (loads == name.removeprefix(CARRIED) if carried else np.ones(len(loads)))
             lever = view.pose_of(link)[:, :3, :3] @ centre
             weight = np.hstack([np.broadcast_to(gravity, lever.shape), np.cross(lever, gravity)])
-            found.append(view.to_load(link) @ (share[:, None] * weight)[:, :, None])
-        return np.concatenate(found, axis=2)
+            columns.append(view.to_load(link) @ (share[:, None] * weight)[:, :, None])
+        return np.concatenate(columns, axis=2)
 
     def moved(setup: Setup, values: Array) -> Setup:
         return replace(setup, arm=setup.arm.with_masses(dict(zip(names, values.tolist(), strict=True))))
@@ -286,7 +289,7 @@ def mass_block(names: tuple[str, ...], std: ArrayLike = 0.0) -> Block:
 def spring_block(setup: Setup, free: Sequence[ArmParameter], std: ArrayLike = 0.0) -> Block:
     """Return the block of what is free of springs, with their standard deviations; see `mechanics.spring`."""
     every = of_springs(setup.arm.springs)
-    places = [every.index(one) for one in free]
+    places = [every.index(parameter) for parameter in free]
 
     def changes(view: View) -> Array:
         columns = [
@@ -299,8 +302,8 @@ def spring_block(setup: Setup, free: Sequence[ArmParameter], std: ArrayLike = 0.
         steps, after = np.zeros(len(every)), []
         steps[places] = values
         for spring in setup.arm.springs:
-            own, steps = np.split(steps, [len(spring.law.parameters)])
-            after.append(spring.moved(own))
+            part, steps = np.split(steps, [len(spring.law.parameters)])
+            after.append(spring.moved(part))
         return replace(setup, arm=replace(setup.arm, springs=tuple(after)))
 
     return RigidBlock(tuple(free), np.broadcast_to(std, len(places)), changes, moved)
@@ -321,20 +324,20 @@ def declared_blocks(setup: Setup, measurements: Measurements) -> tuple[Block, ..
     tracked = any(kind.framed for kind in measurements.readings.kinds)
     if arm.measurement.frame == "unknown" and tracked:
         blocks.append(frame_block(setup))
-    sessions, known = tuple(dict.fromkeys(measurements.session)), prior.session_translation or prior.session_rotation
+    sessions, foreseen = tuple(dict.fromkeys(measurements.session)), prior.session_translation or prior.session_rotation
     campaigns = setup.instrument.campaigns
     seen = [np.any(np.isfinite(kind.sigma), axis=1) for kind in measurements.readings.kinds if kind.framed]
-    later = [name for name in campaigns if any(one[measurements.pieces[name]].any() for one in seen)][1:]
-    open_ = [name for name in sessions if name not in campaigns and (known or name in setup.instrument.sessions)]
+    later = [name for name in campaigns if any(read[measurements.pieces[name]].any() for read in seen)][1:]
+    open_ = [name for name in sessions if name not in campaigns and (foreseen or name in setup.instrument.sessions)]
     open_ = (*(later if arm.measurement.frame == "unknown" else ()), *open_)
     if len(sessions) > 1 and tracked and open_:
         blocks.append(session_block(setup, open_, prior.session_translation, prior.session_rotation))
     touching = [
-        one.sockets
-        for one in arm.sensors.values()
-        if isinstance(one, TouchingSensor) and measurements.readings.of(Touch, one.name)
+        sensor.sockets
+        for sensor in arm.sensors.values()
+        if isinstance(sensor, TouchingSensor) and measurements.readings.of(Touch, sensor.name)
     ]
-    targeted = measurements.readings.of(Position) or any(not one.own_point for one in touching)
+    targeted = measurements.readings.of(Position) or any(not sensor.own_point for sensor in touching)
     if prior.tool and targeted:
         blocks.append(target_block(prior.tool))
     turned = bool(measurements.readings.of(Orientation))
@@ -359,10 +362,10 @@ def declared_blocks(setup: Setup, measurements: Measurements) -> tuple[Block, ..
     stds = {name: std for name, std in stds.items() if std and (name in carried or not name.startswith(CARRIED))}
     if stds:
         blocks.append(mass_block(tuple(stds), np.array(list(stds.values()))))
-    springs = {one: prior.of(one)[1] for one in of_springs(arm.springs)}
+    springs = {parameter: prior.of(parameter)[1] for parameter in of_springs(arm.springs)}
     if any(springs.values()):
-        freed = [one for one, std in springs.items() if std]
-        blocks.append(spring_block(setup, freed, np.array([springs[one] for one in freed])))
+        freed = [parameter for parameter, std in springs.items() if std]
+        blocks.append(spring_block(setup, freed, np.array([springs[parameter] for parameter in freed])))
     if prior.compliance:
         row = anywhere(arm.robot)
         given = {flexure.name: flexure.law.freed(row) for flexure in arm.flexures if flexure.learn is None}
@@ -401,10 +404,11 @@ class FleetBlock(Block):
 
 def _as_in_fleet(block: Block, prior: Prior) -> Block:
     """Return a block about what its parameters are in sister arms, as it is where they say nothing of them."""
-    if not any(one.label in prior.each for one in block.parameters):
+    if not any(parameter.label in prior.each for parameter in block.parameters):
         return block
     pairs = [
-        prior.each.get(one.label, (0.0, std)) for one, std in zip(block.parameters, block.prior.tolist(), strict=True)
+        prior.each.get(parameter.label, (0.0, std))
+        for parameter, std in zip(block.parameters, block.prior.tolist(), strict=True)
     ]
     mean, std = np.array(pairs).T
     return FleetBlock(block, mean, np.maximum(std, RESOLUTION))
@@ -417,8 +421,8 @@ def blocks_of(parameters: Sequence[ArmParameter], setup: Setup, context: Context
     no longer matter.
     """
     blocks: list[Block] = []
-    for kind, some in groupby(parameters, key=lambda parameter: parameter.group.kind):
-        blocks += _of_kind(kind, list(some), setup, context)
+    for kind, alike in groupby(parameters, key=lambda parameter: parameter.group.kind):
+        blocks += _of_kind(kind, list(alike), setup, context)
     return blocks if parameters_of(blocks) == tuple(parameters) else None
 
 
@@ -430,17 +434,19 @@ def _of_kind(kind: ParameterKind, parameters: list[ArmParameter], setup: Setup, 
         laws = learned_laws(arm)
         return [LawBlock(tuple(laws), tuple(laws.values()))] if laws else []
     if kind is ParameterKind.COMPLIANCE:
-        axes = {name: [one.name for one in parameters if one.group.of == name] for name in names}
-        known = set(names) <= {flexure.name for flexure in arm.flexures}
-        if not known or any(axis not in TWIST_NAMES for some in axes.values() for axis in some):
+        axes = {name: [parameter.name for parameter in parameters if parameter.group.of == name] for name in names}
+        at_flexures = set(names) <= {flexure.name for flexure in arm.flexures}
+        if not at_flexures or any(axis not in TWIST_NAMES for names_of in axes.values() for axis in names_of):
             return []
-        return [factor_block(arm, {name: tuple(map(TWIST_NAMES.index, some)) for name, some in axes.items()})]
+        return [factor_block(arm, {name: tuple(map(TWIST_NAMES.index, named)) for name, named in axes.items()})]
     if kind is ParameterKind.EFFECT:
         blocks: list[Block] = []
         for ordinal, (effect, number) in enumerate(zip(arm.effects, numbers_of(arm.effects), strict=True)):
-            own = of_effect(effect, number)
-            if own[0].group in {parameter.group for parameter in parameters}:
-                free = tuple(i for i, one in enumerate(own[len(effect.location.terms) :]) if one in parameters)
+            every = of_effect(effect, number)
+            if every[0].group in {parameter.group for parameter in parameters}:
+                free = tuple(
+                    i for i, parameter in enumerate(every[len(effect.location.terms) :]) if parameter in parameters
+                )
                 blocks.append(EffectBlock(effect, free, context, ordinal, np.zeros(0), number))
         return blocks
     if kind is ParameterKind.SENSOR:
@@ -449,7 +455,7 @@ def _of_kind(kind: ParameterKind, parameters: list[ArmParameter], setup: Setup, 
             for sensor in arm.sensors.values()
             if (
                 sessions := tuple(
-                    one for one in (sensor.found or ("",)) if set(of_sensor(sensor, [one])) & set(parameters)
+                    key for key in (sensor.found or ("",)) if set(of_sensor(sensor, [key])) & set(parameters)
                 )
             )
         ]
@@ -467,7 +473,7 @@ def _of_kind(kind: ParameterKind, parameters: list[ArmParameter], setup: Setup, 
         ParameterKind.GEOMETRY: lambda: geometry_block(setup),
         ParameterKind.MASS: lambda: mass_block(tuple(name for name in names if name in arm.weighing)),
         ParameterKind.SPRING: lambda: spring_block(
-            setup, [one for one in parameters if one in of_springs(arm.springs)]
+            setup, [parameter for parameter in parameters if parameter in of_springs(arm.springs)]
         ),
     }
     return [rigid[kind]()]

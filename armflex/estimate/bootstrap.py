@@ -101,8 +101,8 @@ def bootstrap(
     poses = [used[groups == group] for group in np.unique(groups)]
     seen = loads_seen(arm, measurements)  # what a draw leaves out was seen all the same
     tasks = [
-        partial(_fitted, arm, measurements, poses, seen, number, own)
-        for number, own in enumerate(np.random.SeedSequence(seed).spawn(draws))
+        partial(_fitted, arm, measurements, poses, seen, number, sequence)
+        for number, sequence in enumerate(np.random.SeedSequence(seed).spawn(draws))
     ]
     fits: list[Fitted] = []
     with closing(in_order(tasks, jobs)) as fitted:
@@ -124,6 +124,6 @@ def _fitted(
     """Return the names and values of what a fit to one resampled campaign found."""
     chosen = np.random.default_rng(seed).integers(len(poses), size=len(poses))
     with naming(f"resampled campaign {number}"):
-        found = fitted_to(arm, measurements, np.concatenate([poses[i] for i in chosen]), seen=seen)
-    kept = [parameter for parameter in found.parameters if parameter.kind is not ParameterKind.INSTRUMENT]
+        resampled = fitted_to(arm, measurements, np.concatenate([poses[i] for i in chosen]), seen=seen)
+    kept = [parameter for parameter in resampled.parameters if parameter.kind is not ParameterKind.INSTRUMENT]
     return tuple(parameter.name for parameter in kept), np.array([parameter.value for parameter in kept])

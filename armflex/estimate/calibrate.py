@@ -131,20 +131,20 @@ class Calibration(Result):
         sum alone, which is the zero's row.
         """
         named = ("name", "value", "std", "unit", "prior", "determined")
-        rows = {one.which: {name: getattr(one, name) for name in named} for one in self.parameters}
+        rows = {parameter.which: {name: getattr(parameter, name) for name in named} for parameter in self.parameters}
         for joint in self.arm.robot.moving:
             drive, unit = drive_of(joint), "m" if joint.kind == "prismatic" else "rad"
             axis = int(np.abs(drive).argmax())
             zero = ArmParameter(Group(ParameterKind.OFFSET, joint.name), unit=unit)
             turn = ArmParameter(Group(ParameterKind.GEOMETRY, joint.name), TWIST_NAMES[axis], unit)
-            known = self.arm.certainty and self.arm.certainty.among((zero, turn))
-            if known is None or abs(drive[axis]) < 1.0 - RESOLUTION or not {zero, turn} <= rows.keys():
+            covariance = self.arm.certainty and self.arm.certainty.among((zero, turn))
+            if covariance is None or abs(drive[axis]) < 1.0 - RESOLUTION or not {zero, turn} <= rows.keys():
                 continue
             both = np.array([1.0, drive[axis]])
-            std, own, other = float(np.sqrt(both @ known @ both)), rows[zero], rows.pop(turn)
-            prior = float(np.hypot(own["prior"], other["prior"]))
-            own |= {"value": own["value"] + float(drive[axis]) * other["value"], "std": std, "prior": prior}
-            own["determined"] = std < UNDETERMINED * prior
+            std, row, other = float(np.sqrt(both @ covariance @ both)), rows[zero], rows.pop(turn)
+            prior = float(np.hypot(row["prior"], other["prior"]))
+            row |= {"value": row["value"] + float(drive[axis]) * other["value"], "std": std, "prior": prior}
+            row["determined"] = std < UNDETERMINED * prior
         return list(rows.values())
 
     @cached_property
@@ -189,7 +189,7 @@ class Calibration(Result):
         view, placed = self.fit.view, self.placed
         now, before = view.readings.where(self.judged), placed.readings.where(self.judged)
         parts = before.by_kind(placed.residual), now.by_kind(view.residual), now.by_kind(self.fit.stated)
-        return tuple((one[0], one[1], two[1], three[1]) for one, two, three in zip(*parts, strict=True))
+        return tuple((kind[0], kind[1], two[1], three[1]) for kind, two, three in zip(*parts, strict=True))
 
     @property
     def weighed(self) -> float:
@@ -204,16 +204,16 @@ class Calibration(Result):
         """
         if len(self.fit.scatters) == 1:
             return self.fit.scatters[0]
-        squares, freedom = np.square(self.fit.scatters), [own for _, own in self.fit.noises]
+        squares, freedom = np.square(self.fit.scatters), [freedom for _, freedom in self.fit.noises]
         return float(np.sqrt(np.average(squares, weights=freedom)))
 
     @cached_property
     def parameters(self) -> tuple[FittedParameter, ...]:
         """Every fitted parameter, as uncertain as the arm has it; readings may be worth less than in the fit."""
-        known = self.arm.certainty and self.arm.certainty.among(self.fit.parameters)
-        stds = np.zeros(len(self.fit.values)) if known is None else np.sqrt(np.diag(known))
+        covariance = self.arm.certainty and self.arm.certainty.among(self.fit.parameters)
+        stds = np.zeros(len(self.fit.values)) if covariance is None else np.sqrt(np.diag(covariance))
         pairs = zip(parameters(self.fit), stds.tolist(), strict=True)
-        return tuple(replace(one, std=max(one.std, std)) for one, std in pairs)
+        return tuple(replace(parameter, std=max(parameter.std, std)) for parameter, std in pairs)
 
     @property
     def findings(self) -> tuple[FittedParameter, ...]:
@@ -307,15 +307,15 @@ def fit_campaign(
     if anyway or arm.robot.linkage:
         check_joint_units(measurements.q, arm, measurements.places, units=measurements.units)
     # Another convention would be a pose that loops do not let a mechanism take.
-    for name, own in measurements.pieces.items() if not arm.robot.linkage else ():
-        part = replace(measurements.some(own), campaign=())
+    for name, places in measurements.pieces.items() if not arm.robot.linkage else ():
+        part = replace(measurements.some(places), campaign=())
         try:
-            found = check_conventions(arm, part, np.flatnonzero(np.isin(own, used)), keep, searched=as_stated)
+            flags = check_conventions(arm, part, np.flatnonzero(np.isin(places, used)), keep, searched=as_stated)
         except ConventionError as error:
             if not anyway:
                 raise
-            found = (Flag("convention", error.problem),)
-        about += tuple(replace(flag, text=f"{name}: {flag.text}") if name else flag for flag in found)
+            flags = (Flag("convention", error.problem),)
+        about += tuple(replace(flag, text=f"{name}: {flag.text}") if name else flag for flag in flags)
     return fitted_to(arm, measurements, rows, progress, keep, as_stated, seen, about)
 
 
@@ -351,21 +351,21 @@ def fitted_to(
         begun = begun.again(placed)
     scattered: Fit | None = None
     if laws is None:
-        found, flags = _fit(declared, blocks, begun, used, rounds, progress, placed), ()
+        fitted, flags = _fit(declared, blocks, begun, used, rounds, progress, placed), ()
         if looks and as_stated:
-            found = fit(declared, blocks, measurements, used, found.values, progress)
-        elif looks and found.factors:
-            scattered = _with_play(found, measurements, rounds, progress, placed)
-            values = scattered.values[: len(found.values)]
-            view = look(realise(declared, blocks, values), Weighed(measurements, found.factors).measurements, used)
-            found = replace(found, values=values, view=view)
+            fitted = fit(declared, blocks, measurements, used, fitted.values, progress)
+        elif looks and fitted.factors:
+            scattered = _with_play(fitted, measurements, rounds, progress, placed)
+            values = scattered.values[: len(fitted.values)]
+            view = look(realise(declared, blocks, values), Weighed(measurements, fitted.factors).measurements, used)
+            fitted = replace(fitted, values=values, view=view)
     else:
-        found, flags = fit_learning(declared, blocks, laws, begun, used, not as_stated, progress)
-    certainty = certainty_of(scattered or found)
-    calibrated = with_posteriors(found.setup.arm, found, certainty)
-    calibrated = replace(calibrated, instrument=found.setup.instrument)
-    errors = _held_out(placed, found, measurements, scattered or found)
-    judgement = tuple(wrong_sigma(found, about, as_stated))
+        fitted, flags = fit_learning(declared, blocks, laws, begun, used, not as_stated, progress)
+    certainty = certainty_of(scattered or fitted)
+    calibrated = with_posteriors(fitted.setup.arm, fitted, certainty)
+    calibrated = replace(calibrated, instrument=fitted.setup.instrument)
+    errors = _held_out(placed, fitted, measurements, scattered or fitted)
+    judgement = tuple(wrong_sigma(fitted, about, as_stated))
     timed = None if "time" in measurements.derived else measurements.time
     flags = (
         *derived,
@@ -374,15 +374,19 @@ def fitted_to(
         *(_apart(declared) if declared.arm.measurement.frame != "base" else ()),
         *flags,
         *judgement,
-        *far_from_declared(found, found.parameters, calibrated),
-        *_against_load(found),
+        *far_from_declared(fitted, fitted.parameters, calibrated),
+        *_against_load(fitted),
         *soft(calibrated.flexures, anywhere(arm.robot), arm.flags),
         # Of an instrument that was moved, or is not what it is said to be, that is said already.
         # Nor is an arm worse than declared of which only the instrument was placed.
-        *(() if about or judgement or scattered or keep else worse_than_declared(errors, found.view.readings.shown_in)),
+        *(
+            ()
+            if about or judgement or scattered or keep
+            else worse_than_declared(errors, fitted.view.readings.shown_in)
+        ),
         *(() if scattered is None else _standing_off(certainty.unexplained)),
     )
-    return Calibration(calibrated.left(), found, placed.view, measurements, flags, errors, scattered)
+    return Calibration(calibrated.left(), fitted, placed.view, measurements, flags, errors, scattered)
 
 
 def _against_load(found: Fit) -> Iterator[Flag]:
@@ -394,12 +398,16 @@ def _against_load(found: Fit) -> Iterator[Flag]:
         yield Flag("opposite_sign", text, about=which.label)
 
 
-def far_from_declared(fitted: Fit, some: Sequence[ArmParameter], arm: Arm) -> Iterator[Flag]:
+def far_from_declared(fitted: Fit, parameters: Sequence[ArmParameter], arm: Arm) -> Iterator[Flag]:
     """Yield a flag where the first parameters of a fit are absurdly far from what was declared; `arm` came of it."""
     open_ = () if arm.certainty is None else arm.certainty.undetermined
     sizes = np.where(np.isfinite(fitted.prior), np.abs(fitted.values) / fitted.prior, 0.0).tolist()
-    known = [(one, size) for one, size in zip(some, sizes, strict=False) if one.group.kind is not ParameterKind.LAW]
-    yield from beyond_priors({one.label: size for one, size in known if one.label not in open_})
+    sized = [
+        (parameter, size)
+        for parameter, size in zip(parameters, sizes, strict=False)
+        if parameter.group.kind is not ParameterKind.LAW
+    ]
+    yield from beyond_priors({parameter.label: size for parameter, size in sized if parameter.label not in open_})
 
 
 def _fit(
@@ -417,37 +425,39 @@ def _fit(
     """
     start, enough = None, FEWEST_ROWS * len(parameters_of(blocks))
     if len(used) > ROWS_AT_ONCE > enough:
-        some = np.sort(np.random.default_rng(0).choice(used, enough, replace=False))
+        fewer = np.sort(np.random.default_rng(0).choice(used, enough, replace=False))
         with contextlib.suppress(ArmflexError):  # they may be too few
-            first = _fit(declared, blocks, weighed, some, rounds, progress, begun)
+            first = _fit(declared, blocks, weighed, fewer, rounds, progress, begun)
             start, weighed = first.values, replace(weighed, factors=first.factors)
     else:
-        known = dict(zip(begun.parameters, begun.values.tolist(), strict=True))
-        known = {one: value for one, value in known.items() if one.group.kind is ParameterKind.SENSOR}
-        start = np.array([known.get(one, 0.0) for one in parameters_of(blocks)])
+        values = dict(zip(begun.parameters, begun.values.tolist(), strict=True))
+        values = {
+            parameter: value for parameter, value in values.items() if parameter.group.kind is ParameterKind.SENSOR
+        }
+        start = np.array([values.get(parameter, 0.0) for parameter in parameters_of(blocks)])
     near = begun.view.some(np.flatnonzero(np.isin(begun.view.rows, used)))
-    found = fit_without_lost(declared, blocks, weighed.measurements, start, near, progress)
+    fitted = fit_without_lost(declared, blocks, weighed.measurements, start, near, progress)
     for _ in range(rounds):
-        better = weighed.again(found)
-        sized = [block.resized(found.places(block), found.values, found.posterior) for block in blocks]
+        better = weighed.again(fitted)
+        sized = [block.resized(fitted.places(block), fitted.values, fitted.posterior) for block in blocks]
         if better.close_to(weighed) and sized == list(blocks):
             break
         weighed, blocks = better, sized
-        found = fit_without_lost(declared, blocks, better.measurements, found.values, found.view, progress)
-    return replace(found, factors=weighed.factors)
+        fitted = fit_without_lost(declared, blocks, better.measurements, fitted.values, fitted.view, progress)
+    return replace(fitted, factors=weighed.factors)
 
 
-def _with_play(found: Fit, measurements: Measurements, rounds: int, progress: Progress | None, begun: Fit) -> Fit:
+def _with_play(fitted: Fit, measurements: Measurements, rounds: int, progress: Progress | None, begun: Fit) -> Fit:
     """Return a fit in which each joint may stand off at random in every pose, by as much as the readings show.
 
     All corners of a picture share what the arm lacks. As errors of their own they would outweigh what is known before.
     """
     twists, poses = [], measurements.pose_number
-    for joint in (joint for joint in found.setup.arm.robot.moving if drive_of(joint).any()):
+    for joint in (joint for joint in fitted.setup.arm.robot.moving if drive_of(joint).any()):
         axis = TWIST_NAMES[int(np.abs(drive_of(joint)).argmax())]
         twists.append(PoseBlock(joint.name, axis, USUAL_PRIOR.joint_offset, poses))
     return _fit(
-        found.declared, [*found.blocks, *twists], Weighed(measurements), found.view.rows, rounds, progress, begun
+        fitted.declared, [*fitted.blocks, *twists], Weighed(measurements), fitted.view.rows, rounds, progress, begun
     )
 
 
@@ -476,32 +486,32 @@ def _placed(arm: Arm, measurements: Measurements, used: np.ndarray, keep: bool =
     seen = measurements.positioned[used]
     if arm.measurement.frame != "base" and seen.any():
         points = declared.instrument.seen(declared.instrument.in_base(line.tip))
-        for name, own in measurements.some(used).pieces.items():
-            own = own[seen[own]]
+        for name, places in measurements.some(used).pieces.items():
+            places = places[seen[places]]
             with naming(name) if name else contextlib.nullcontext():
-                if len(own):
-                    check_enough(points[own], measurements.sigma[used[own]])
+                if len(places):
+                    check_enough(points[places], measurements.sigma[used[places]])
     placing = (ParameterKind.INSTRUMENT, ParameterKind.SENSOR, *(() if keep else (ParameterKind.TOOL,)))
     placing += OF_SESSION if declared.instrument.campaigns else ()
     frame = [block for block in declared_blocks(declared, measurements) if block.kind in placing]
     view = look(declared, measurements, used, line=line)
     if frame:
         begun = sensor_start(view)
-        start = np.array([begun.get(one, 0.0) for one in parameters_of(frame)])
+        start = np.array([begun.get(parameter, 0.0) for parameter in parameters_of(frame)])
         return declared, fit_without_lost(declared, frame, measurements, start, view)
     return declared, Fit(declared, (), np.zeros(0), view)
 
 
-def _held_out(placed: Fit, found: Fit, measurements: Measurements, closest: Fit) -> tuple[float, float] | None:
+def _held_out(placed: Fit, fitted: Fit, measurements: Measurements, closest: Fit) -> tuple[float, float] | None:
     """Return the RMS of the 3-D error on held-out poses, of the declared arm and of the calibrated one [m].
 
     Over readings that one of them or `closest` comes near.
     """
-    poses = measurements.pose_number[found.view.rows]
+    poses = measurements.pose_number[fitted.view.rows]
     if len(np.unique(poses)) < POSE_FOLDS:
         return None
-    folds, judged = pose_folds(poses), judged_by(placed, found, closest)
-    declared, calibrated = (held_out(one, folds, judged=judged).rms for one in (placed, found))
+    folds, judged = pose_folds(poses), judged_by(placed, fitted, closest)
+    declared, calibrated = (held_out(model, folds, judged=judged).rms for model in (placed, fitted))
     return declared, calibrated
 
 
@@ -542,7 +552,7 @@ def _apart(declared: Setup) -> Iterator[Flag]:
     """Yield flags about sessions in which the instrument stood elsewhere."""
     prior = declared.arm.prior
     apart = {
-        name: one for name, one in declared.instrument.sessions.items() if name not in declared.instrument.campaigns
+        name: frame for name, frame in declared.instrument.sessions.items() if name not in declared.instrument.campaigns
     }
     for name, frame in apart.items():
         there = f"{np.linalg.norm(frame[:3]):.3g} m and {np.linalg.norm(frame[3:]):.3g} rad"

@@ -90,11 +90,11 @@ class Fleet:
     @property
     def each(self) -> dict[str, tuple[float, float]]:
         """Mean and standard deviation of every parameter by its label, as [prior.each] has them; 0, 0 where held."""
-        found = {
-            one.label: (float(mean), float(std))
-            for one, mean, std in zip(self.parameters, self.mean, self.std, strict=True)
+        priors = {
+            parameter.label: (float(mean), float(std))
+            for parameter, mean, std in zip(self.parameters, self.mean, self.std, strict=True)
         }
-        return found | {one.label: (0.0, 0.0) for one in self.held}
+        return priors | {parameter.label: (0.0, 0.0) for parameter in self.held}
 
 
 def common(arms: Mapping[str, Arm], seed: int = 0, draws: int = 2000) -> Fleet:
@@ -117,9 +117,9 @@ def common(arms: Mapping[str, Arm], seed: int = 0, draws: int = 2000) -> Fleet:
     strangers: dict[str, float] = {}
     while len(sisters) > FEWEST_SISTERS:
         odds = []
-        for i, one in enumerate(sisters):
+        for i, sister in enumerate(sisters):
             mean, _, std = _predicted([other for j, other in enumerate(sisters) if j != i], seed, draws)
-            odds.append(_evidence(one, 0.0 * ones, ones) - _evidence(one, mean, std))
+            odds.append(_evidence(sister, 0.0 * ones, ones) - _evidence(sister, mean, std))
         worst = int(np.argmax(odds))
         if odds[worst] < -np.log(BY_CHANCE):  # for the declared prior against that of the others
             break
@@ -131,7 +131,7 @@ def common(arms: Mapping[str, Arm], seed: int = 0, draws: int = 2000) -> Fleet:
         spread * scale,
         std * scale,
         held,
-        tuple(one.name for one in sisters),
+        tuple(sister.name for sister in sisters),
         strangers,
     )
 
@@ -151,38 +151,40 @@ def said(
             raise InputError(f"{name} is not calibrated: its file has no [calibration]")
         if not _alike(first, arm):
             raise InputError(f"{name} is not declared like {names[0]}: what is compared are corrections of one arm")
-    own = [tuple(one for one in _certain(arm) if one.group.kind in SHARED) for arm in arms.values()]
-    for name, some in zip(names, own, strict=True):
-        if some != own[0]:
-            odd = [one.label for one in set(some) ^ set(own[0])]
+    parameters_by_arm = [
+        tuple(parameter for parameter in _certain(arm) if parameter.group.kind in SHARED) for arm in arms.values()
+    ]
+    for name, shared in zip(names, parameters_by_arm, strict=True):
+        if shared != parameters_by_arm[0]:
+            odd = [parameter.label for parameter in set(shared) ^ set(parameters_by_arm[0])]
             raise InputError(f"[prior] frees other parameters of {name} than of {names[0]}: {listing(sorted(odd), 5)}")
-    parameters = own[0]
+    parameters = parameters_by_arm[0]
     if not parameters:
         raise InputError(f"{names[0]}: nothing was fitted that is compared (offsets, geometry, masses, compliance)")
-    scale = np.array([first.prior.of(one)[1] for one in parameters])
+    scale = np.array([first.prior.of(parameter)[1] for parameter in parameters])
     sisters = [_sister(name, arm, parameters, scale) for name, arm in arms.items()]
-    whole = sum((one.information for one in sisters), np.zeros((len(scale),) * 2))
+    whole = sum((sister.information for sister in sisters), np.zeros((len(scale),) * 2))
     chosen = _visible(whole)
     if not len(chosen):
         raise InputError("the campaigns of all arms together determine no parameter better than its prior")
     # What is seen, but not beside the chosen ones, is the same as some of these; what is not seen stays as uncertain.
-    held = tuple(one for i, one in enumerate(parameters) if i not in chosen and _shown(whole[i, i]))
-    some = [
-        Sister(one.name, one.information[np.ix_(chosen, chosen)], one.pull[chosen], one.value[chosen])
-        for one in sisters
+    held = tuple(parameter for i, parameter in enumerate(parameters) if i not in chosen and _shown(whole[i, i]))
+    kept = [
+        Sister(sister.name, sister.information[np.ix_(chosen, chosen)], sister.pull[chosen], sister.value[chosen])
+        for sister in sisters
     ]
-    return tuple(parameters[i] for i in chosen), scale[chosen], some, held
+    return tuple(parameters[i] for i in chosen), scale[chosen], kept, held
 
 
 def _certain(arm: Arm) -> tuple[ArmParameter, ...]:
     return () if arm.certainty is None else arm.certainty.parameters
 
 
-def _alike(one: Arm, other: Arm) -> bool:
+def _alike(arm: Arm, other: Arm) -> bool:
     """Return whether two arms are declared alike: joints, their frames, and where they give."""
-    if one.joint_names != other.joint_names or one.flexure_names != other.flexure_names or one.prior != other.prior:
+    if arm.joint_names != other.joint_names or arm.flexure_names != other.flexure_names or arm.prior != other.prior:
         return False
-    frames = [[np.append(joint.rotation, joint.origin) for joint in own.robot.chain] for own in (one, other)]
+    frames = [[np.append(joint.rotation, joint.origin) for joint in each.robot.chain] for each in (arm, other)]
     return len(frames[0]) == len(frames[1]) and np.allclose(*frames, rtol=0.0, atol=RESOLUTION)
 
 
@@ -191,10 +193,10 @@ def _sister(name: str, arm: Arm, parameters: Sequence[ArmParameter], scale: Arra
     assert arm.certainty is not None
     covariance = arm.certainty.among(parameters)
     assert covariance is not None
-    known = np.linalg.inv(covariance / np.outer(scale, scale))
-    mean = np.array([arm.prior.of(one)[0] for one in parameters]) / scale
-    value = np.array([arm.found(one) for one in parameters]) / scale
-    values, axes = np.linalg.eigh(0.5 * (known + known.T) - np.eye(len(scale)))
+    precision = np.linalg.inv(covariance / np.outer(scale, scale))
+    mean = np.array([arm.prior.of(parameter)[0] for parameter in parameters]) / scale
+    value = np.array([arm.found(parameter) for parameter in parameters]) / scale
+    values, axes = np.linalg.eigh(0.5 * (precision + precision.T) - np.eye(len(scale)))
     information = (axes * np.maximum(values, 0.0)) @ axes.T  # a rounded matrix, or readings that scatter, go below
     # The posterior's mean x has (information + 1) (x - mean) = information (likely - mean).
     return Sister(name, information, information @ mean + (information + np.eye(len(scale))) @ (value - mean), value)
@@ -221,8 +223,8 @@ def _shown(information: float) -> bool:
 def _predicted(sisters: Sequence[Sister], seed: int, draws: int) -> tuple[Array, Array, Array]:
     """Return (P,) mean and spread of sisters, and the standard deviation of the next one, in units of the priors."""
     rng, count, size = np.random.default_rng(seed), len(sisters), len(sisters[0].pull)
-    information, pulls = (np.array([getattr(one, name) for one in sisters]) for name in ("information", "pull"))
-    mean, spread = np.mean([one.value for one in sisters], axis=0), np.ones(size)
+    information, pulls = (np.array([getattr(sister, name) for sister in sisters]) for name in ("information", "pull"))
+    mean, spread = np.mean([sister.value for sister in sisters], axis=0), np.ones(size)
     means, squares, sizes = [], [], []
     for sweep in range(2 * draws):
         roots = np.linalg.cholesky(information + np.diag(spread**-2.0))
@@ -242,12 +244,12 @@ def _predicted(sisters: Sequence[Sister], seed: int, draws: int) -> tuple[Array,
     return np.mean(means, axis=0), np.exp(np.mean(sizes, axis=0)), np.minimum(np.sqrt(variance), SPREADS[-1])
 
 
-def _evidence(one: Sister, mean: Array, std: Array) -> float:
+def _evidence(sister: Sister, mean: Array, std: Array) -> float:
     """Return the logarithm of how probable a campaign is under a prior, but for what all priors have in common."""
-    scaled = np.eye(len(std)) + std[:, None] * one.information * std
-    pull = std * (one.pull - one.information @ mean)  # about the prior's mean
+    scaled = np.eye(len(std)) + std[:, None] * sister.information * std
+    pull = std * (sister.pull - sister.information @ mean)  # about the prior's mean
     fit = 0.5 * float(pull @ np.linalg.solve(scaled, pull))
-    about = float(one.pull @ mean - 0.5 * mean @ one.information @ mean)
+    about = float(sister.pull @ mean - 0.5 * mean @ sister.information @ mean)
     return fit + about - 0.5 * float(np.linalg.slogdet(scaled)[1])
 
 
@@ -290,12 +292,15 @@ class History:
     @property
     def changed(self) -> tuple[Course, ...]:
         """Parameters that changed."""
-        return tuple(one for one in self.courses if one.change)
+        return tuple(course for course in self.courses if course.change)
 
     def between(self, i: int, j: int) -> list[tuple[Course, float, float]]:
         """Return what differs between two dates by more than chance makes of one: by how much, and its std."""
-        found = [(one, one.value[j] - one.value[i], float(np.hypot(one.std[i], one.std[j]))) for one in self.courses]
-        return [(one, float(step), std) for one, step, std in found if abs(step) > outlier_limit(1) * std]
+        steps = [
+            (course, course.value[j] - course.value[i], float(np.hypot(course.std[i], course.std[j])))
+            for course in self.courses
+        ]
+        return [(course, float(step), std) for course, step, std in steps if abs(step) > outlier_limit(1) * std]
 
 
 def history(arms: Mapping[str, Arm], dates: Sequence[float]) -> History:
@@ -314,12 +319,14 @@ def history(arms: Mapping[str, Arm], dates: Sequence[float]) -> History:
     if len(time) != len(arms) or not (np.diff(time) > 0.0).all():
         raise InputError(f"expected dates that ascend, one for each of {len(arms)} calibrations, got {list(dates)}")
     parameters, scale, sisters, _ = said(arms)
-    covariances = [np.linalg.inv(one.information + np.eye(len(scale))) for one in sisters]
-    values = np.array([known @ one.pull for known, one in zip(covariances, sisters, strict=True)]) * scale
-    stds = np.sqrt([np.diag(known) for known in covariances]) * scale
+    covariances = [np.linalg.inv(sister.information + np.eye(len(scale))) for sister in sisters]
+    values = (
+        np.array([covariance @ sister.pull for covariance, sister in zip(covariances, sisters, strict=True)]) * scale
+    )
+    stds = np.sqrt([np.diag(covariance) for covariance in covariances]) * scale
     tried = len(parameters) * len(time)
-    courses = [_course(one, values[:, i], stds[:, i], time, tried) for i, one in enumerate(parameters)]
-    courses.sort(key=lambda one: -abs(one.size) / one.size_std if one.change else 0.0)
+    courses = [_course(parameter, values[:, i], stds[:, i], time, tried) for i, parameter in enumerate(parameters)]
+    courses.sort(key=lambda course: -abs(course.size) / course.size_std if course.change else 0.0)
     return History(tuple(arms), time, tuple(courses))
 
 
@@ -328,22 +335,22 @@ def _course(parameter: ArmParameter, value: Array, std: Array, time: Array, trie
     stays, _, _ = _fit(np.ones((count, 1)), value, std)
     later = [np.column_stack([np.ones(count), (np.arange(count) >= at).astype(np.float64)]) for at in range(1, count)]
     jumps = [_fit(columns, value, std) for columns in later]
-    best = int(np.argmin([one[0] for one in jumps]))
+    best = int(np.argmin([jump[0] for jump in jumps]))
     over = (time - time[0]) / (time[-1] - time[0])
     drift = _fit(np.column_stack([np.ones(count), over]), value, std)
     limit = chi_squared(1, BY_CHANCE / tried)
     if stays - min(jumps[best][0], drift[0]) < limit:
         return Course(parameter, value, std)
-    kind, found = ("jump", jumps[best]) if jumps[best][0] <= drift[0] else ("drift", drift)
+    kind, best_fit = ("jump", jumps[best]) if jumps[best][0] <= drift[0] else ("drift", drift)
     if count > 2 and abs(jumps[best][0] - drift[0]) < -2.0 * np.log(DOUBT):
         kind = "jump or drift"
     since = 0 if kind == "drift" else best + 1
-    return Course(parameter, value, std, kind, since, float(found[1][1]), float(found[2][1]))
+    return Course(parameter, value, std, kind, since, float(best_fit[1][1]), float(best_fit[2][1]))
 
 
 def _fit(columns: Array, value: Array, std: Array) -> tuple[float, Array, Array]:
     """Return the weighted sum of squares that is left, the coefficients and their standard uncertainties."""
-    scaled, known = columns / std[:, None], value / std
+    scaled, whitened = columns / std[:, None], value / std
     covariance = np.linalg.inv(scaled.T @ scaled)
-    found = covariance @ (scaled.T @ known)
-    return float(((known - scaled @ found) ** 2).sum()), found, np.sqrt(np.diag(covariance))
+    solution = covariance @ (scaled.T @ whitened)
+    return float(((whitened - scaled @ solution) ** 2).sum()), solution, np.sqrt(np.diag(covariance))

@@ -52,13 +52,13 @@ def draw_arms(arm: Arm, draws: int, seed: int = 0) -> tuple[Arm, ...]:
     ends = np.cumsum([len(block.parameters) for block in blocks])[:-1]
     drawn = []
     for _ in range(draws):
-        step, found = root @ rng.normal(size=root.shape[1]), setup
-        for block, own in zip(blocks, np.split(step, ends), strict=False):
+        step, moved = root @ rng.normal(size=root.shape[1]), setup
+        for block, part in zip(blocks, np.split(step, ends), strict=False):
             if block.moves:
-                found = block.stepped(found, own)
+                moved = block.stepped(moved, part)
         # What carries an uncertainty of its own is drawn, too, and none is left.
-        flexures = tuple(replace(one, law=one.law.draw(rng)) for one in found.arm.flexures)
-        drawn.append(replace(found.arm, flexures=flexures, certainty=None))
+        flexures = tuple(replace(flexure, law=flexure.law.draw(rng)) for flexure in moved.arm.flexures)
+        drawn.append(replace(moved.arm, flexures=flexures, certainty=None))
     return tuple(drawn)
 
 
@@ -106,15 +106,15 @@ def ensemble(
         raise ShapeError(f"q: expected shape (nq,) or (N, nq), got {positions.shape}")
     rows = check_positions(arm, np.atleast_2d(positions), enforce_limits=True)
     count = len(rows) if positions.ndim == 2 else 0
-    known = {name: covariate_array(values, name, count) for name, values in (covariates or {}).items()}
+    columns = {name: covariate_array(values, name, count) for name, values in (covariates or {}).items()}
     if arm.certainty is None and arm.chain and not arm.pulls:
-        found = drawn_displacements(arm, rows, payload, known, draws, seed)
+        displacements = drawn_displacements(arm, rows, payload, columns, draws, seed)
     else:  # one after the other
-        found = np.empty((draws, len(rows), 6))
+        displacements = np.empty((draws, len(rows), 6))
         for number, drawn in enumerate(draw_arms(arm, draws, seed)):
             with naming(f"draw {number}"):
-                found[number] = drawn.deflection(rows, payload, covariates=known).displacement
-    return found if positions.ndim == 2 else found[:, 0]
+                displacements[number] = drawn.deflection(rows, payload, covariates=columns).displacement
+    return displacements if positions.ndim == 2 else displacements[:, 0]
 
 
 @checked_kinds
@@ -145,9 +145,11 @@ def drawn_frequencies(
     """
     if arm.certainty is None and not any(flexure.law.uncertain for flexure in arm.flexures):
         return None
-    found, at = list[Array](), real_array(q, "q")
+    frequencies, at = list[Array](), real_array(q, "q")
     for number, drawn in enumerate(draw_arms(arm, draws, seed)):
         with naming(f"draw {number}"):
-            found.append(drawn.modes(at, payload, covariates=covariates, wrenches=wrenches, count=count).frequencies)
-    fewest = min(map(len, found), default=0)
-    return np.array([one[:fewest] for one in found]).reshape(len(found), fewest)
+            frequencies.append(
+                drawn.modes(at, payload, covariates=covariates, wrenches=wrenches, count=count).frequencies
+            )
+    fewest = min(map(len, frequencies), default=0)
+    return np.array([drawn[:fewest] for drawn in frequencies]).reshape(len(frequencies), fewest)

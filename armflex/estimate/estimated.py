@@ -73,11 +73,11 @@ class Seen:
             jacobian += [columns[:, None, [i]] * np.eye(3) for i in range(through)]
             full = np.concatenate([*jacobian, turn @ axes], axis=2)
             flat, each, left = full.reshape(3 * count, -1), np.repeat(weights, 3), seen - there
-            known, start = np.full(flat.shape[1], RESOLUTION), np.zeros(flat.shape[1])
+            precision, start = np.full(flat.shape[1], RESOLUTION), np.zeros(flat.shape[1])
             noise = max(float(np.median(((left - across @ left) ** 2).sum(axis=1))), RESOLUTION)
-            known[-3:], start[-3:] = noise / (self.arm.prior.tool or RESOLUTION) ** 2, target
-            information = (flat * each[:, None]).T @ flat + np.diag(known)
-            right = flat.T @ (each * left.ravel()) - known * start
+            precision[-3:], start[-3:] = noise / (self.arm.prior.tool or RESOLUTION) ** 2, target
+            information = (flat * each[:, None]).T @ flat + np.diag(precision)
+            right = flat.T @ (each * left.ravel()) - precision * start
             step = np.asarray(np.linalg.lstsq(information, right, rcond=None)[0], dtype=float)
             left = left - full @ step
             turn, target = (pin.exp3(step[:3]) @ turn if unknown else turn), target + step[-3:]
@@ -96,11 +96,11 @@ class Seen:
 def _tips(arm: Arm, q: Array) -> Array:
     """Return the (M, 4, 4) poses of the rigid tip; hundreds are asked for, before anything is compiled."""
     moving = {joint.name: number for number, joint in enumerate(arm.robot.moving)}
-    found = np.broadcast_to(np.eye(4), (len(q), 4, 4))
+    tips = np.broadcast_to(np.eye(4), (len(q), 4, 4))
     for joint in arm.robot.chain:
         fixed = pin.SE3(joint.rotation, joint.origin)
         if joint.name not in moving:
-            found = found @ (fixed * joint.motion(arm.robot.locked.get(joint.name, 0.0))).homogeneous
+            tips = tips @ (fixed * joint.motion(arm.robot.locked.get(joint.name, 0.0))).homogeneous
             continue
         at, motion = q[:, moving[joint.name]], np.tile(np.eye(4), (len(q), 1, 1))
         axis = joint.axis / np.linalg.norm(joint.axis)
@@ -110,8 +110,8 @@ def _tips(arm: Arm, q: Array) -> Array:
             cross = pin.skew(axis)
             sine, rest = np.sin(at)[:, None, None], 1.0 - np.cos(at)[:, None, None]
             motion[:, :3, :3] += sine * cross + rest * (cross @ cross)
-        found = found @ (fixed.homogeneous @ motion)
-    return found
+        tips = tips @ (fixed.homogeneous @ motion)
+    return tips
 
 
 Called = tuple[Array, str, str, int]
@@ -163,12 +163,12 @@ def estimated(arm: Arm, every: Measurements, rows: np.ndarray) -> Iterator[Misre
         every: The whole campaign.
         rows: (M,) numbers of the rows to look at, the tip seen in all.
     """
-    own = np.array(every.session)[rows]
-    first = max(dict.fromkeys(own.tolist()), key=lambda name: int((own == name).sum()))
-    rows = rows[own == first]
-    some = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), 20 * FEW)).astype(int))]
-    seen = Seen(arm, every.q[some], every.position[some], some)
-    if len(some) < 3 * FEW or arm.robot.linkage:
+    sessions = np.array(every.session)[rows]
+    first = max(dict.fromkeys(sessions.tolist()), key=lambda name: int((sessions == name).sum()))
+    rows = rows[sessions == first]
+    thinned = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), 20 * FEW)).astype(int))]
+    seen = Seen(arm, every.q[thinned], every.position[thinned], thinned)
+    if len(thinned) < 3 * FEW or arm.robot.linkage:
         return
     with np.errstate(all="ignore"):
         yield from _rails(seen, every)
@@ -182,19 +182,19 @@ def _columns(seen: Seen, every: Measurements) -> Iterator[Misreading]:
         return
     before = seen.cost(left)
     units = {joint.name: every.units.get(f"q_{joint.name}", "") for joint in seen.arm.robot.moving}
-    found = _fitted(seen, [*_scales(seen, units), *_couplings(seen), *_homes(seen)], before)
-    yield from (one.misreading for one in found)
+    families = _fitted(seen, [*_scales(seen, units), *_couplings(seen), *_homes(seen)], before)
+    yield from (fitted.misreading for fitted in families)
     for _ in range(FEW - 1):
-        if not found:
+        if not families:
             return
-        first = found[0]
+        first = families[0]
         after = replace(seen, q=seen.q @ first.by + first.shift)
         if _is_near(seen, seen.placed(after.q).left):
             return
         further = _fitted(after, [*_couplings(after), *_homes(after)], first.cost)
         # What one alone is estimated at makes up for the other.
-        found = _fitted(seen, [_both(first, other) for other in further], first.cost)
-        yield from (one.misreading for one in found[:1])
+        pairs = _fitted(seen, [_both(first, other) for other in further], first.cost)
+        yield from (fitted.misreading for fitted in pairs[:1])
 
 
 def _is_near(seen: Seen, left: Array) -> bool:
@@ -211,11 +211,11 @@ def _both(first: Fitted, other: Fitted) -> Family:
         return by @ more, shift @ more + further
 
     def named(numbers: Array, alike: float) -> Called | None:
-        one, last = first.family.named(numbers[:apart], alike), other.family.named(numbers[apart:], alike)
-        if one is None or last is None:
+        name_first, last = first.family.named(numbers[:apart], alike), other.family.named(numbers[apart:], alike)
+        if name_first is None or last is None:
             return None
-        both = np.concatenate([one[0], last[0]])
-        return both, f"{one[1]}, and {last[1]}", f"{one[2]}; {last[2]}", one[3] + last[3]
+        both = np.concatenate([name_first[0], last[0]])
+        return both, f"{name_first[1]}, and {last[1]}", f"{name_first[2]}; {last[2]}", name_first[3] + last[3]
 
     return Family(map_, [np.concatenate([first.numbers, other.numbers])], named)
 
@@ -233,7 +233,7 @@ def _fitted(seen: Seen, families: Sequence[Family], before: float) -> list[Fitte
         for number, family in enumerate(families)
         for place, start in enumerate(family.starts)
     ]
-    likely, found = dict[int, int](), list[Fitted]()
+    likely, fits = dict[int, int](), list[Fitted]()
     for cost, number, place in sorted(looked):
         if cost < before - 1.0 and len(likely) < 2 * FEW:
             likely.setdefault(number, place)
@@ -253,9 +253,9 @@ def _fitted(seen: Seen, families: Sequence[Family], before: float) -> list[Fitte
             by, shift = family.map(numbers)
             if (cost := seen.cost(left(family, numbers))) < least + 1.0 or alike == ROUND:
                 hypothesis = Misreading(name, remedy, joints_as(by, shift), mistakes=mistakes, whole=True)
-                found.append(Fitted(family, numbers, cost, hypothesis))
+                fits.append(Fitted(family, numbers, cost, hypothesis))
                 break
-    return sorted(found, key=lambda one: one.cost + one.misreading.mistakes)[:FEW]
+    return sorted(fits, key=lambda fitted: fitted.cost + fitted.misreading.mistakes)[:FEW]
 
 
 def _scales(seen: Seen, units: dict[str, str]) -> Iterator[Family]:
@@ -289,10 +289,10 @@ def _scales(seen: Seen, units: dict[str, str]) -> Iterator[Family]:
         return made
 
     names, every = [joint.name for joint in robot.moving], "the turning joints are"
-    head = next((units[name] for name, one in zip(names, turns, strict=True) if one), "")
+    head = next((units[name] for name, is_turn in zip(names, turns, strict=True) if is_turn), "")
     written = UNITS["angle"].get(head, 1.0)
     if turns.sum() > 1 and spread[turns].max() > RESOLUTION:
-        all_steps = [np.array([one]) for one in steps(float(spread[turns].max()), least_turn, most_turn)]
+        all_steps = [np.array([step]) for step in steps(float(spread[turns].max()), least_turn, most_turn)]
 
         def of_unit(zero: Array, words: str, more: str) -> Family:
             def named(numbers: Array, alike: float) -> Called:
@@ -309,13 +309,13 @@ def _scales(seen: Seen, units: dict[str, str]) -> Iterator[Family]:
         yield of_unit(np.zeros(count), "", "")
         if limited[turns].all():
             added = listing(
-                f"{one:+.4g} to q_{name}" for name, one in zip(names, middle, strict=True) if abs(one) > ROUND
+                f"{shift:+.4g} to q_{name}" for name, shift in zip(names, middle, strict=True) if abs(shift) > ROUND
             )
             if (np.abs(middle[turns]) > ROUND).any():
                 yield of_unit(middle, "counted from the middle of their limits", f"add {added} [rad]")
-            added = listing(f"{one:+.4g} to q_{name}" for name, one in zip(names, lower, strict=True))
+            added = listing(f"{shift:+.4g} to q_{name}" for name, shift in zip(names, lower, strict=True))
             yield of_unit(lower, "counted from their lower limits", f"add {added} [rad]")
-            share = [one * 0.5 / np.median(half[turns]) for one in all_steps]
+            share = [step * 0.5 / np.median(half[turns]) for step in all_steps]
             for start, low in ((middle, -1.0), (lower, 0.0)):
 
                 def named(numbers: Array, alike: float, low: float = low, start: Array = start) -> Called | None:
@@ -340,7 +340,7 @@ def _scales(seen: Seen, units: dict[str, str]) -> Iterator[Family]:
                 remedy = f"convert them: q = {value / written:.9g} (q - {zero:.6g}) {head or 'rad'}"
                 return np.array([value / written, zero * written]), text, remedy, 2
 
-            yield Family(from_count, [np.array([one[0], centre]) for one in all_steps], counted)
+            yield Family(from_count, [np.array([step[0], centre]) for step in all_steps], counted)
     for i, name in enumerate(names):
         if spread[i] < RESOLUTION:
             continue
@@ -362,7 +362,7 @@ def _scales(seen: Seen, units: dict[str, str]) -> Iterator[Family]:
             )
             return np.array([value / by]), f"q_{name} is in {unit}", remedy, 1
 
-        yield Family(alone, [np.array([one]) for one in steps(float(spread[i]), least, most)], one_unit)
+        yield Family(alone, [np.array([step]) for step in steps(float(spread[i]), least, most)], one_unit)
 
 
 def _couplings(seen: Seen) -> Iterator[Family]:
@@ -370,7 +370,7 @@ def _couplings(seen: Seen) -> Iterator[Family]:
     robot, count = seen.arm.robot, seen.q.shape[1]
     turning = [i for i, joint in enumerate(robot.moving) if joint.kind != "prismatic"]
     for i, j in permutations(turning, 2):
-        one, other = robot.moving[i].name, robot.moving[j].name
+        master, other = robot.moving[i].name, robot.moving[j].name
 
         def map_(numbers: Array, i: int = i, j: int = j) -> tuple[Array, Array]:
             by = np.eye(count)
@@ -378,7 +378,7 @@ def _couplings(seen: Seen) -> Iterator[Family]:
             return by, np.zeros(count)
 
         def named(
-            numbers: Array, alike: float, one: str = one, other: str = other, beside: bool = turning[1:3] == [i, j]
+            numbers: Array, alike: float, one: str = master, other: str = other, beside: bool = turning[1:3] == [i, j]
         ) -> Called:
             share = float(numbers[0])
             share = next(
@@ -419,19 +419,19 @@ def _homes(seen: Seen) -> Iterator[Family]:
 
         near = (-8, -4, -2, 2, 4, 8)  # each nearer to what it may be than 0 is
         degrees = [*range(-165, 181, 15)] if sign < 0.0 else [*range(-165, 0, 15), *near, *range(15, 181, 15)]
-        yield Family(map_, [np.radians([one]) for one in degrees], named)
+        yield Family(map_, [np.radians([degree]) for degree in degrees], named)
 
 
-def _unit(value: float, known: dict[str, float], alike: float) -> tuple[float, str]:
+def _unit(value: float, units: dict[str, float], alike: float) -> tuple[float, str]:
     """Return a unit's value [rad or m] and its name, of the nearest that people use, else the value as it is."""
-    name = min(known, key=lambda one: abs(np.log(known[one] / abs(value))))
-    if abs(known[name] / value - 1.0) < alike:
-        return known[name], name
-    if known is LOGGED_LENGTHS or not 1e-9 < abs(value) < np.pi / 200.0:  # finer than any encoder's, or coarser
-        return value, f"a unit of {value:.4g} {'m' if known is LOGGED_LENGTHS else 'rad'}"
+    name = min(units, key=lambda unit: abs(np.log(units[unit] / abs(value))))
+    if abs(units[name] / value - 1.0) < alike:
+        return units[name], name
+    if units is LOGGED_LENGTHS or not 1e-9 < abs(value) < np.pi / 200.0:  # finer than any encoder's, or coarser
+        return value, f"a unit of {value:.4g} {'m' if units is LOGGED_LENGTHS else 'rad'}"
     count = 2.0 * np.pi / value
     power, digits = 2.0 ** round(np.log2(abs(count))), float(f"{abs(count):.2g}")
-    near = min((power, digits), key=lambda one: abs(np.log(one / abs(count))))
+    near = min((power, digits), key=lambda whole: abs(np.log(whole / abs(count))))
     near = near if abs(near / abs(count) - 1.0) < ROUND else round(abs(count))
     return 2.0 * np.pi / near, f"ticks, {near:g} a turn"
 
@@ -458,11 +458,13 @@ def _rails(seen: Seen, every: Measurements) -> Iterator[Misreading]:
         column = values[seen.rows][:, None]
         if np.ptp(column) > RESOLUTION * max(1.0, float(np.abs(column).max())):
             looked.append((seen.cost(seen.placed(seen.q, column - column.mean()).left), name))
-    looked = [one for one in sorted(looked) if one[0] < base - 0.1][:FEW]
+    looked = [pair for pair in sorted(looked) if pair[0] < base - 0.1][:FEW]
     chosen: list[str] = []
     placed, cost = before, base
     for _, name in looked:
-        columns = np.column_stack([numbers[one][seen.rows] - numbers[one][seen.rows].mean() for one in (*chosen, name)])
+        columns = np.column_stack(
+            [numbers[column][seen.rows] - numbers[column][seen.rows].mean() for column in (*chosen, name)]
+        )
         other = seen.placed(seen.q, columns)
         if seen.cost(other.left) < cost - 0.3:
             chosen, placed, cost = [*chosen, name], other, seen.cost(other.left)
@@ -475,17 +477,17 @@ def _rails(seen: Seen, every: Measurements) -> Iterator[Misreading]:
         travel = size * float(np.ptp(numbers[name][seen.rows]))
         if unit not in LOGGED_LENGTHS or travel < LARGEST_MOTION * seen.arm.robot.reach:
             return
-        along = ", ".join(f"{one:g}" for one in np.round(placed.turn.T @ step / size, 3) + 0.0)
+        along = ", ".join(f"{part:g}" for part in np.round(placed.turn.T @ step / size, 3) + 0.0)
         said.append(f"column {name} moves the arm by 1 {unit} per unit along ({along}) of its base")
         steps.append(step / size * value)
     offset = [float(numbers[name][seen.rows].mean()) for name in chosen]
 
     def back(rows: Measurements) -> Measurements:
         places = [np.asarray(rows.covariates[name]) - mean for name, mean in zip(chosen, offset, strict=True)]
-        ridden = sum(np.outer(one, step) for one, step in zip(places, steps, strict=True))
+        ridden = sum(np.outer(place, step) for place, step in zip(places, steps, strict=True))
         position = rows.readings.of(Position)
         kinds = tuple(
-            replace(one, values=one.values - ridden) if one is position else one for one in rows.readings.kinds
+            replace(kind, values=kind.values - ridden) if kind is position else kind for kind in rows.readings.kinds
         )
         return replace(rows, readings=replace(rows.readings, kinds=kinds))
 

@@ -95,7 +95,7 @@ class Fit:
     @cached_property
     def labels(self) -> tuple[tuple[str, str], ...]:
         """(block, label) of every parameter."""
-        return tuple((one.group.block, one.rest) for one in self.parameters)
+        return tuple((parameter.group.block, parameter.rest) for parameter in self.parameters)
 
     @cached_property
     def parameters(self) -> tuple[ArmParameter, ...]:
@@ -165,14 +165,14 @@ class Fit:
         if len(groups) == 1:
             return ((self._by_most(0, self.noise, self.freedom), self.freedom),)
         within = (self.residual * np.sqrt(self.weights.ravel())).reshape(self.view.residual.shape)
-        columns, found = self.regressors.reshape(*self.view.residual.shape, -1), []
+        columns, noises = self.regressors.reshape(*self.view.residual.shape, -1), []
         for number, place in enumerate(groups):
-            own = columns[:, place].reshape(-1, columns.shape[2])
-            taken = float((self._as_stated.covariance * (own.T @ own)).sum())
+            part = columns[:, place].reshape(-1, columns.shape[2])
+            taken = float((self._as_stated.covariance * (part.T @ part)).sum())
             freedom = max(float(np.isfinite(self.view.sigma[:, place]).sum()) - taken, 1.0)
             noise = float(np.sqrt((within[:, place] ** 2).sum() / freedom))
-            found.append((self._by_most(number, noise, freedom), freedom))
-        return tuple(found)
+            noises.append((self._by_most(number, noise, freedom), freedom))
+        return tuple(noises)
 
     def _by_most(self, number: int, noise: float, freedom: float) -> float:
         """Return the noise of an instrument, from the median where readings far off would make up most of it.
@@ -183,7 +183,9 @@ class Fit:
         place = self.view.readings.groups[number]
         count = np.isfinite(self.view.sigma[:, place]).sum(axis=1)
         far = ((self.weights[:, place] < 1.0) & np.isfinite(self.view.sigma[:, place])).sum(axis=1)
-        limits = np.array([outlier_limit(max(int(one), 1)) ** 2 / max(int(one), 1) for one in range(count.max() + 1)])
+        limits = np.array(
+            [outlier_limit(max(int(size), 1)) ** 2 / max(int(size), 1) for size in range(count.max() + 1)]
+        )
         if 2.0 * (far * limits[count]).sum() < count.sum():
             return noise
         return median_scatter(self.view, number) * float(np.sqrt(count.sum() / freedom))
@@ -191,18 +193,18 @@ class Fit:
     @property
     def stated(self) -> Array:
         """(M, d) standard deviation of each number as it was stated, in its unit."""
-        found = self.view.sigma.copy()
+        sigma = self.view.sigma.copy()
         for place, factor in zip(self.view.readings.groups, self.factors, strict=False):
-            found[:, place] /= factor
-        return found
+            sigma[:, place] /= factor
+        return sigma
 
     @property
     def scatter_by_number(self) -> Array:
         """(d,) `noise` of the instrument that each number of a row is read by."""
-        found = np.ones(self.view.readings.size)
+        scatter = np.ones(self.view.readings.size)
         for place, (noise, _) in zip(self.view.readings.groups, self.noises, strict=True):
-            found[place] = noise
-        return found
+            scatter[place] = noise
+        return scatter
 
     @property
     def misfit(self) -> float:
@@ -219,9 +221,9 @@ class Fit:
             sigma[:, self.view.foremost] for sigma in (self.view.sigma * self.scatter_by_number, self.stated)
         )
         read = np.isfinite(now)
-        stated, found = (float((sigma[read] ** 2).mean()) for sigma in (before, now))
+        stated, judged = (float((sigma[read] ** 2).mean()) for sigma in (before, now))
         per_metre = float((self.view.by_shift[:, self.view.foremost][read] ** 2).mean())
-        return float(np.sqrt(max(found - stated, 0.0) / per_metre))
+        return float(np.sqrt(max(judged - stated, 0.0) / per_metre))
 
     @cached_property
     def posterior(self) -> LinearGaussian:
@@ -274,10 +276,10 @@ class Weighed:
             return self.stated
         return replace(self.stated, readings=self.stated.readings.scaled(*self.factors))
 
-    def again(self, found: Fit) -> Weighed:
+    def again(self, fitted: Fit) -> Weighed:
         """Return the readings weighed by how they scatter about a fit to these."""
         factors = []
-        for before, (noise, freedom) in zip(self.factors or (1.0,) * len(found.noises), found.noises, strict=True):
+        for before, (noise, freedom) in zip(self.factors or (1.0,) * len(fitted.noises), fitted.noises, strict=True):
             scatter = before * noise
             factors.append(1.0 if by_chance(scatter, freedom) else max(float(scatter), 1.0))
         return replace(self, factors=tuple(factors) if max(factors, default=1.0) > 1.0 else ())
@@ -285,7 +287,7 @@ class Weighed:
     def close_to(self, other: Weighed) -> bool:
         """Return whether nothing is gained by one after the other."""
         pairs = zip_longest(self.factors, other.factors, fillvalue=1.0)
-        return all(abs(np.log(one / before)) <= EVEN for one, before in pairs)
+        return all(abs(np.log(factor / before)) <= EVEN for factor, before in pairs)
 
 
 def by_chance(scatter: float, freedom: float) -> bool:
@@ -355,13 +357,13 @@ def fit(
         limit = np.minimum(limit, robust_limit(here.view))
         before, problem = here.cost(limit), _problem(here, limit)
         unit = max(1.0, before / here.view.count)  # while the model is wrong the residual is many times the noise
-        found = _descended(here, problem, limit, effort.flat, damping)
-        if found is None:
+        descended = _descended(here, problem, limit, effort.flat, damping)
+        if descended is None:
             left = problem.promised(problem.step(max(damping, LIGHT))) / unit
             if effort.content or left < effort.flat:  # a step that promises nothing need not keep anything
                 return replace(here, history=tuple(history), left=left if effort.content else 0.0)
             raise _resisting("calibration finds no better values along its step", here, problem, [before])
-        here, damping = found
+        here, damping = descended
         history.append(here.cost(limit))
         if progress:
             progress(iteration + 1, effort.iterations)
@@ -431,10 +433,10 @@ def _problem(here: Fit, limit: Array | float) -> _Problem:
     pull = regressors.T @ residual
     gradient = pull - here.precision * np.where(np.isfinite(here.prior), here.values, 0.0)
     bend = np.where(_logarithmic(here.blocks), np.maximum(-pull, 0.0), 0.0)
-    turns = np.array([one.unit == "rad" for one in here.parameters], bool)
+    turns = np.array([parameter.unit == "rad" for parameter in here.parameters], bool)
     turning = np.where(turns & np.isinf(here.prior), tau**-2.0, 0.0)
-    known = LinearGaussian.of(regressors, here.precision)
-    return _Problem(known, gradient, bend, turning, regressors, residual, weights)
+    posterior = LinearGaussian.of(regressors, here.precision)
+    return _Problem(posterior, gradient, bend, turning, regressors, residual, weights)
 
 
 def _descended(

@@ -56,10 +56,12 @@ class HeldOut:
     Attributes:
         squares: (M,) squared error of every row [m^2, rad^2]; see `Readings.row_squares`.
         believed: (M,) False for rows that say nothing about a model, or that have no foremost reading.
+        errors: (M, n) of the foremost numbers [m]; zero where not read.
     """
 
     squares: Array
     believed: np.ndarray
+    errors: Array
 
     @property
     def rms(self) -> float:
@@ -83,18 +85,19 @@ def held_out(
         judged: (M, d) readings that count, see `judged_by`; when not given all, in the rows that this fit believes.
     """
     data, rows = fit.residual + fit.regressors @ fit.values, _readings_of(fit, folds)
-    left, scores = np.empty(len(data)), _of_others([fit.regressors[own].T @ data[own] for own in rows])
-    for number, (own, known, score) in enumerate(zip(rows, known_of_others(fit, folds), scores, strict=True)):
-        regressors = fit.regressors[own]
-        error = data[own] - regressors @ known.solve(score)
+    left, scores = np.empty(len(data)), _of_others([fit.regressors[place].T @ data[place] for place in rows])
+    for number, (places, posterior, score) in enumerate(zip(rows, known_of_others(fit, folds), scores, strict=True)):
+        regressors = fit.regressors[places]
+        error = data[places] - regressors @ posterior.solve(score)
         if refitted is not None and len(refitted[number]):
-            some = refitted[number]
-            follow = regressors[:, some]
-            error = error - follow @ most_probable(follow, fit.precision[some], error)
-        left[own] = error
+            kept = refitted[number]
+            follow = regressors[:, kept]
+            error = error - follow @ most_probable(follow, fit.precision[kept], error)
+        left[places] = error
     readings = fit.view.readings if judged is None else fit.view.readings.where(judged)
     rows_judged = (readings.foremost_count > 0) & (True if judged is not None else near(fit.view).any(axis=1))
-    return HeldOut(readings.row_squares(errors_of(fit, left)), rows_judged)
+    errors = errors_of(fit, left)
+    return HeldOut(readings.row_squares(errors), rows_judged, errors)
 
 
 def frames_of(fit: Fit, name: str) -> np.ndarray:
@@ -112,7 +115,7 @@ def frames_of(fit: Fit, name: str) -> np.ndarray:
             return name in campaigns and of.partition(" ")[2].partition("/")[0] == name
         return name in campaigns[:1] and group.kind in FIRST
 
-    return np.array([i for i, one in enumerate(fit.parameters) if own(one.group)], dtype=int)
+    return np.array([i for i, parameter in enumerate(fit.parameters) if own(parameter.group)], dtype=int)
 
 
 def folds_of(fit: Fit, names: Sequence[str]) -> tuple[np.ndarray, list[np.ndarray]]:
@@ -150,25 +153,25 @@ def by_campaign(before: View, fit: Fit, judged: np.ndarray, residual: Array | No
     """
     residual = fit.view.residual if residual is None else residual
     campaigns = [fit.view.driven.campaign[row] for row in fit.view.rows] if fit.view.driven.campaign else []
-    names, (folds, frames), found = list(dict.fromkeys(campaigns)), folds_of(fit, campaigns), []
+    names, (folds, frames), judged_campaigns = list(dict.fromkeys(campaigns)), folds_of(fit, campaigns), []
     if len(names) < 2:
         return ()
     alone = held_out(fit, folds, frames, judged)
     for number, name in enumerate(names):
-        own = np.flatnonzero(folds == number)
-        readings = fit.view.readings.where(judged).some(own)
-        first, then = (foremost_rms(readings, left[own]) for left in (before.residual, residual))
-        left = alone.rms_of(folds == number) if alone.believed[own].any() else None
-        found.append(OfCampaign(name, len(own), first, then, left))
-    return tuple(found)
+        inside = np.flatnonzero(folds == number)
+        readings = fit.view.readings.where(judged).some(inside)
+        first, then = (foremost_rms(readings, left[inside]) for left in (before.residual, residual))
+        left = alone.rms_of(folds == number) if alone.believed[inside].any() else None
+        judged_campaigns.append(OfCampaign(name, len(inside), first, then, left))
+    return tuple(judged_campaigns)
 
 
 def errors_of(fit: Fit, whitened: Array) -> Array:
     """Return (M, n) errors of the foremost numbers [m] from (M d,) whitened and weighted ones; zero where not read."""
     where = fit.view.foremost
     sigma = fit.view.sigma[:, where]
-    own = whitened.reshape(fit.weights.shape)[:, where] / np.sqrt(fit.weights[:, where])
-    return own * np.where(np.isfinite(sigma), sigma, 0.0)
+    errors = whitened.reshape(fit.weights.shape)[:, where] / np.sqrt(fit.weights[:, where])
+    return errors * np.where(np.isfinite(sigma), sigma, 0.0)
 
 
 def known_of_others(fit: Fit, folds: np.ndarray, noise: float = 1.0) -> Iterator[LinearGaussian]:
@@ -176,9 +179,9 @@ def known_of_others(fit: Fit, folds: np.ndarray, noise: float = 1.0) -> Iterator
 
     `noise` is the variance of a whitened reading.
     """
-    own = [squared(fit.regressors[rows]) / noise for rows in _readings_of(fit, folds)]
-    for one in _of_others(own):  # one after the other: a random twist has as many values as there are poses
-        yield LinearGaussian(one).with_precision(fit.precision)
+    squares = [squared(fit.regressors[rows]) / noise for rows in _readings_of(fit, folds)]
+    for information in _of_others(squares):  # one after the other: a random twist has as many values as there are poses
+        yield LinearGaussian(information).with_precision(fit.precision)
 
 
 def _readings_of(fit: Fit, folds: np.ndarray) -> list[np.ndarray]:
@@ -224,16 +227,16 @@ def design_effect(fit: Fit, others: Array, covariance: Array, least: float = 1.0
     scale = 1.0 / (np.maximum(fit.scatter_by_number, RESOLUTION) * np.sqrt(fit.weights)).ravel()
     prior = np.where(fit.precision > 0.0, fit.prior, 0.0)
     rows = _readings_of(fit, folds)
-    scores = _of_others([fit.regressors[own].T @ np.column_stack([data[own], others[own]]) for own in rows])
-    for known, own, score in zip(known_of_others(fit, folds), rows, scores, strict=True):
-        own = own[counted.ravel()[own]]
-        own = own[~depend_on(fit.regressors[own][:, None], known.null_space)[:, 0]]
-        error = scale[own] * (data[own] - fit.regressors[own] @ known.solve(score[:, 0]))
-        columns, more = (scale[own, None] * each[own] for each in (fit.regressors, others))
+    scores = _of_others([fit.regressors[place].T @ np.column_stack([data[place], others[place]]) for place in rows])
+    for posterior, place, score in zip(known_of_others(fit, folds), rows, scores, strict=True):
+        place = place[counted.ravel()[place]]
+        place = place[~depend_on(fit.regressors[place][:, None], posterior.null_space)[:, 0]]
+        error = scale[place] * (data[place] - fit.regressors[place] @ posterior.solve(score[:, 0]))
+        columns, more = (scale[place, None] * each[place] for each in (fit.regressors, others))
         # Of what other parts say nothing of, such as random twists of these poses, only the prior is known.
-        shown = np.diag(known.information) > fit.precision
+        shown = np.diag(posterior.information) > fit.precision
         held = 1.0 + columns[:, ~shown] ** 2 @ prior[~shown] ** 2
-        information = known.information[np.ix_(shown, shown)] - np.diag(fit.precision[shown])
+        information = posterior.information[np.ix_(shown, shown)] - np.diag(fit.precision[shown])
         parts.append((information, fit.precision[shown], score[shown, 1:], columns[:, shown], held, more, error))
     noise = max(fit.noise, least) ** 2
 
@@ -241,15 +244,15 @@ def design_effect(fit: Fit, others: Array, covariance: Array, least: float = 1.0
         """Return -2 log likelihood but for a constant."""
         total, share = 0.0, np.exp(-logarithm) / noise
         for information, precision, crossed, columns, held, more, error in parts:
-            known = LinearGaussian(information * share).with_precision(precision)
-            more = more - columns @ known.solve(crossed) * share
-            variance = held + known.variance(columns) + ((more @ covariance) * more).sum(axis=1)
+            posterior = LinearGaussian(information * share).with_precision(precision)
+            more = more - columns @ posterior.solve(crossed) * share
+            variance = held + posterior.variance(columns) + ((more @ covariance) * more).sum(axis=1)
             total += float((np.log(variance) + error**2 / variance).sum())
         return total
 
     most = np.log(max(sum(len(error) for *_, error in parts), 2))
-    found = cast(Any, minimize_scalar(cost, bounds=(0.0, most), method="bounded", options={"xatol": EVEN}))
-    return float(np.exp(found.x)) if found.fun < cost(0.0) else 1.0
+    best = cast(Any, minimize_scalar(cost, bounds=(0.0, most), method="bounded", options={"xatol": EVEN}))
+    return float(np.exp(best.x)) if best.fun < cost(0.0) else 1.0
 
 
 def excess(fit: Fit, folds: np.ndarray, errors: Array, judged: np.ndarray, effect: float) -> float:
@@ -274,26 +277,28 @@ def excess(fit: Fit, folds: np.ndarray, errors: Array, judged: np.ndarray, effec
     from scipy.optimize import minimize_scalar  # not needed to import the package
 
     spread = np.empty(fit.view.residual.size)
-    for known, own in zip(known_of_others(fit, folds, effect * fit.noise**2), _readings_of(fit, folds), strict=True):
-        spread[own] = known.variance(fit.regressors[own])
+    for posterior, place in zip(
+        known_of_others(fit, folds, effect * fit.noise**2), _readings_of(fit, folds), strict=True
+    ):
+        spread[place] = posterior.variance(fit.regressors[place])
     where, view = fit.view.foremost, fit.view
     counted = judged[:, where]
     read = np.where(np.isfinite(view.sigma), view.sigma, 0.0)
     weighed = spread.reshape(fit.weights.shape) / fit.weights * read**2
     scatter = np.minimum(fit.stated, view.sigma * fit.scatter_by_number)
-    known, shift = (scatter**2 + weighed)[:, where][counted], view.by_shift[:, where][counted] ** 2
+    without, shift = (scatter**2 + weighed)[:, where][counted], view.by_shift[:, where][counted] ** 2
     squares = errors[counted] ** 2
 
     def cost(logarithm: float) -> float:
         """Return -2 log likelihood but for a constant."""
-        variance = known + np.exp(2.0 * logarithm) * shift
+        variance = without + np.exp(2.0 * logarithm) * shift
         return float((np.log(variance) + squares / variance).sum())
 
-    least = float((np.log(known) + squares / known).sum())
+    least = float((np.log(without) + squares / without).sum())
     # No reading is off by more, nor would so many show less.
-    around = 0.5 * np.log(np.array([known.mean() / len(known), max(known.max(), squares.max())]) / shift.mean())
-    found = cast(Any, minimize_scalar(cost, bounds=around, method="bounded", options={"xatol": EVEN})).x
-    return float(np.exp(found)) if least - cost(found) > outlier_limit(1) ** 2 else 0.0
+    around = 0.5 * np.log(np.array([without.mean() / len(without), max(without.max(), squares.max())]) / shift.mean())
+    best = cast(Any, minimize_scalar(cost, bounds=around, method="bounded", options={"xatol": EVEN})).x
+    return float(np.exp(best)) if least - cost(best) > outlier_limit(1) ** 2 else 0.0
 
 
 def apart_folds(q: Array, count: int) -> np.ndarray:
@@ -325,10 +330,10 @@ def pose_folds(groups: np.ndarray) -> np.ndarray:
 
 def campaigns_json(campaigns: Sequence[OfCampaign], stages: tuple[str, str]) -> dict[str, Any]:
     """Return the errors of each of several campaigns for programs, in mm, or thousandths of the unit that was read."""
-    found = [
-        record(one, "name rows")
-        | {"rms_mm": {stages[0]: one.before * 1e3, stages[1]: one.after * 1e3}}
-        | {"from_others_rms_mm": None if one.from_others is None else one.from_others * 1e3}
-        for one in campaigns
+    records = [
+        record(campaign, "name rows")
+        | {"rms_mm": {stages[0]: campaign.before * 1e3, stages[1]: campaign.after * 1e3}}
+        | {"from_others_rms_mm": None if campaign.from_others is None else campaign.from_others * 1e3}
+        for campaign in campaigns
     ]
-    return {"campaigns": found} if found else {}
+    return {"campaigns": records} if records else {}

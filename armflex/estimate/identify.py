@@ -96,7 +96,9 @@ class FittedParameter:
         if self.absorbing:
             return f"{abs(self.pull):.2g} prior deviations off all the same: it absorbs what the arm lacks"
         if self.trades_against:
-            return f"can be exchanged for {', '.join((called or {}).get(one, one) for one in self.trades_against)}"
+            return (
+                f"can be exchanged for {', '.join((called or {}).get(label, label) for label in self.trades_against)}"
+            )
         if not self.moves:
             return "no row loads it" if self.kind is ParameterKind.COMPLIANCE else "moves no reading"
         size = f" ({self.moves:.1g} of their noise per prior deviation)" if np.isfinite(self.moves) else ""
@@ -107,16 +109,16 @@ def parameters(fit: Fit) -> tuple[FittedParameter, ...]:
     """Return every parameter of a fit with what is known about it."""
     std, names = fit.posterior.std, [which.label for which in fit.parameters]
     determined = std < UNDETERMINED * fit.prior
-    known = LinearGaussian(fit.information).with_precision(fit.precision)  # others take over within their priors
+    posterior = LinearGaussian(fit.information).with_precision(fit.precision)  # others take over within their priors
     combined = [bool(determined[i]) and _only_combined(fit, i) for i in range(len(names))]
     asked = [combined[i] or not determined[i] for i in range(len(names))]
-    partners = [partners_of(fit.information, known, i, names) if asked[i] else () for i in range(len(names))]
-    own = np.sqrt(np.diag(fit.information) / fit.view.count)
-    shown = own > ROUNDING * own.max(initial=0.0)
-    moves = np.where(shown, fit.prior * np.where(shown, own, 1.0), 0.0)
+    partners = [partners_of(fit.information, posterior, i, names) if asked[i] else () for i in range(len(names))]
+    shown_by = np.sqrt(np.diag(fit.information) / fit.view.count)
+    shown = shown_by > ROUNDING * shown_by.max(initial=0.0)
+    moves = np.where(shown, fit.prior * np.where(shown, shown_by, 1.0), 0.0)
     numbers = (part.tolist() for part in (fit.values, std, fit.prior, determined))
     parts = zip(fit.parameters, *numbers, partners, combined, moves.tolist(), strict=True)
-    return tuple(FittedParameter(*found) for found in parts)
+    return tuple(FittedParameter(*numbers) for numbers in parts)
 
 
 def below_zero(fit: Fit) -> Iterator[tuple[ArmParameter, float, float]]:
@@ -134,10 +136,10 @@ def below_zero(fit: Fit) -> Iterator[tuple[ArmParameter, float, float]]:
         factor = float(np.exp(fit.values[i]))
         if which.group.kind is not ParameterKind.COMPLIANCE or not fit.information[i, i] > 0.0:
             continue
-        free, own = fit.precision.copy(), score.copy()
-        free[i], own[i] = 0.0, fit.regressors[:, i] @ fit.residual / noise**2
-        known = LinearGaussian(fit.information / noise**2).with_precision(free)
-        size, std = factor * (1.0 + float(known.solve(own)[i])), factor * float(known.std[i])
+        free, crossed = fit.precision.copy(), score.copy()
+        free[i], crossed[i] = 0.0, fit.regressors[:, i] @ fit.residual / noise**2
+        posterior = LinearGaussian(fit.information / noise**2).with_precision(free)
+        size, std = factor * (1.0 + float(posterior.solve(crossed)[i])), factor * float(posterior.std[i])
         if size + outlier_limit(1) * std < 0.0:  # of many compliances some are below zero by chance
             yield which, size, std
 
@@ -147,16 +149,16 @@ def _only_combined(fit: Fit, index: int) -> bool:
 
     Where the sum of two alone is determined, each comes out at 0.7 of its prior, however good the readings are.
     """
-    own, noise = fit.prior[index], max(fit.noise, 1.0)
-    if not np.isfinite(own):
+    prior, noise = fit.prior[index], max(fit.noise, 1.0)
+    if not np.isfinite(prior):
         return False
     loose = fit.precision / ABSURD**2
     loose[index] = fit.precision[index]
     left = LinearGaussian(fit.information / noise**2).with_precision(loose)
-    return float(left.std[index]) >= UNDETERMINED * own
+    return float(left.std[index]) >= UNDETERMINED * prior
 
 
-def partners_of(normal: Array, known: LinearGaussian, index: int, names: Sequence[str]) -> tuple[str, ...]:
+def partners_of(normal: Array, posterior: LinearGaussian, index: int, names: Sequence[str]) -> tuple[str, ...]:
     """Return the parameters that take over one parameter's effect on the readings best, the strongest first.
 
     None unless all others together take over half of it. Nor where the readings do not depend on it: what rounding
@@ -164,7 +166,7 @@ def partners_of(normal: Array, known: LinearGaussian, index: int, names: Sequenc
 
     Args:
         normal: (P, P) information of the readings alone.
-        known: The same with the priors.
+        posterior: The same with the priors.
         index: Which parameter.
         names: Of all parameters.
     """
@@ -172,7 +174,7 @@ def partners_of(normal: Array, known: LinearGaussian, index: int, names: Sequenc
     sizes = np.sqrt(np.diag(normal))
     if sizes[index] <= ROUNDING * sizes.max():
         return ()
-    amount = known.conditional(others).solve(normal[others, index])
+    amount = posterior.conditional(others).solve(normal[others, index])
     if 2.0 * normal[others, index] @ amount < normal[index, index]:
         return ()
     effect = np.abs(amount) * sizes[others]

@@ -53,45 +53,52 @@ def fit_learning(
     # network that still means nothing may lead compliances far astray.
     plain = replace(laws, laws=tuple(law.without_correction() for law in laws.laws))
     values = fit(declared, (*blocks, plain), weighed.measurements, rows, effort=ROUGH).values
-    others, own = np.split(values, [len(values) - len(plain.parameters)])
-    pairs = zip(plain.split(own), laws.laws, strict=True)
-    start = np.concatenate([others, *(part for own, law in pairs for part in (own, law.values[len(own) :]))])
+    others, of_law = np.split(values, [len(values) - len(plain.parameters)])
+    pairs = zip(plain.split(of_law), laws.laws, strict=True)
+    start = np.concatenate(
+        [others, *(part for part_of_law, law in pairs for part in (part_of_law, law.values[len(part_of_law) :]))]
+    )
 
     for _ in range(ROUNDS):
-        found = fit(declared, (*blocks, laws), weighed.measurements, rows, start, progress, ROUGH)
-        own, before = found.places(laws), weighed
-        better, start = rescaled(laws, found.values[own], np.diag(found.posterior.covariance)[own]), found.values
+        fitted = fit(declared, (*blocks, laws), weighed.measurements, rows, start, progress, ROUGH)
+        places, before = fitted.places(laws), weighed
+        better, start = (
+            rescaled(laws, fitted.values[places], np.diag(fitted.posterior.covariance)[places]),
+            fitted.values,
+        )
         pairs = zip(better.laws, laws.laws, strict=True)
         change = float(max(np.abs(np.log(np.divide(a.scales, b.scales))).max(initial=0.0) for a, b in pairs))
         laws = better
-        weighed = weighed.again(found) if by_scatter else weighed
+        weighed = weighed.again(fitted) if by_scatter else weighed
         if change < EVEN and weighed.close_to(before):
             break
     # Networks have long valleys: one that is left halfway has values, and bands, that are not its own; only where
     # nothing is gained but rounding it is no matter where one ends.
     patient = replace(THOROUGH, content=True)
-    found = fit(declared, (*blocks, laws), weighed.measurements, rows, start, progress=progress, effort=patient)
-    if found.left > outlier_limit(1) ** 2:  # a value is off beyond chance
-        text = f"the learned laws did not settle: -2 log posterior density would fall by {found.left:.3g} or more"
+    settled = fit(declared, (*blocks, laws), weighed.measurements, rows, start, progress=progress, effort=patient)
+    if settled.left > outlier_limit(1) ** 2:  # a value is off beyond chance
+        text = f"the learned laws did not settle: -2 log posterior density would fall by {settled.left:.3g} or more"
         hint = "a simpler model (polynomial, then linear), fewer flexures that learn, or `armflex trace` may help"
-        raise ConvergenceError(f"{text}; {hint}", found.history)
+        raise ConvergenceError(f"{text}; {hint}", settled.history)
     flags = []
-    if found.left > 1.0:  # one standard deviation of one value
-        text = f"the learned laws may fit a little better: -2 log posterior density would fall by {found.left:.2g} more"
+    if settled.left > 1.0:  # one standard deviation of one value
+        text = (
+            f"the learned laws may fit a little better: -2 log posterior density would fall by {settled.left:.2g} more"
+        )
         flags.append(Flag("unsettled", text))
     if change >= EVEN:
         text = f"how large couplings and corrections are still changed by {np.expm1(change):.0%} after {ROUNDS} fits"
         flags.append(Flag("unsettled", text))
-    return replace(found, factors=weighed.factors), tuple(flags)
+    return replace(settled, factors=weighed.factors), tuple(flags)
 
 
-def with_posteriors(arm: Arm, found: Fit, certainty: Certainty) -> Arm:
+def with_posteriors(arm: Arm, fit: Fit, certainty: Certainty) -> Arm:
     """Return a fitted arm with how well it is known, of which learned laws carry their part, and how far they go."""
     arm = replace(arm, certainty=certainty)
-    block = next((block for block in found.blocks if isinstance(block, LawBlock)), None)
+    block = next((block for block in fit.blocks if isinstance(block, LawBlock)), None)
     if block is None:
         return arm
-    line, names, covariance = found.view.line, arm.flexure_names, certainty.among(block.parameters)
+    line, names, covariance = fit.view.line, arm.flexure_names, certainty.among(block.parameters)
     assert covariance is not None
     places = dict(zip(block.flexures, block.split(np.arange(len(covariance))), strict=True))
     laws = learned_laws(arm)
@@ -99,9 +106,9 @@ def with_posteriors(arm: Arm, found: Fit, certainty: Certainty) -> Arm:
         arm,
         {
             name: laws[name].with_posterior(
-                covariance[np.ix_(own, own)], line.flexure_wrenches[:, names.index(name)], line.row
+                covariance[np.ix_(place, place)], line.flexure_wrenches[:, names.index(name)], line.row
             )
-            for name, own in places.items()
+            for name, place in places.items()
         },
     )
 
@@ -119,13 +126,13 @@ def rescaled(block: LawBlock, values: Array, variance: Array) -> LawBlock:
         variance: (k,) their posterior variances.
     """
     laws = []
-    for law, own, known in zip(block.laws, block.split(values), block.split(variance), strict=True):
+    for law, part, variance_of_law in zip(block.laws, block.split(values), block.split(variance), strict=True):
         scales = list(law.scales)
         for i, places in enumerate(law.groups):
             expected = law.expected[places[0]]
             if expected.sized:
-                determined = np.clip(1.0 - known[places] / scales[i] ** 2, 0.0, 1.0).sum()
-                squares = own[places] @ own[places] + TAILS * expected.prior**2
+                determined = np.clip(1.0 - variance_of_law[places] / scales[i] ** 2, 0.0, 1.0).sum()
+                squares = part[places] @ part[places] + TAILS * expected.prior**2
                 scales[i] = min(float(np.sqrt(squares / (determined + TAILS))), outlier_limit(1) * expected.prior)
         laws.append(replace(law, scales=tuple(scales)))
     return replace(block, laws=tuple(laws))
@@ -170,18 +177,18 @@ def learned_axes(fit: Fit, laws: Mapping[str, LearnedLaw], samples: LawSamples |
         laws: The laws with the covariance of their values, by flexure.
         samples: Sampled laws, None where none were drawn.
     """
-    line, names, found = fit.view.line, fit.setup.arm.flexure_names, []
+    line, names, axes = fit.view.line, fit.setup.arm.flexure_names, []
     for name, law in laws.items():
         loads, row, start = line.flexure_wrenches[:, names.index(name)], line.row, law.at(law.start)
         declared, learned = start.twist(loads, row), law.twist(loads, row)
         correction = np.zeros_like(loads) if law.correction is None else law.correction.twist(loads, row)
         assert law.posterior is not None
-        expected = np.diag([one.prior**2 for one in law.expected])
+        expected = np.diag([prior.prior**2 for prior in law.expected])
         std, before = law.std(law.posterior, loads, row), start.std(expected, loads, row)
         drawn = [] if samples is None else [samples.twists(name, loads, row).std(axis=0)]
         columns = (declared, learned, learned - declared, correction, std, before, *drawn)
         rms = np.sqrt([(values**2).mean(axis=0) for values in columns])
         for i, axis in enumerate(TWIST_NAMES):
             if rms[0, i] > 0.0:
-                found.append(LearnedAxis(name, axis, *rms[:, i].tolist()))
-    return tuple(found)
+                axes.append(LearnedAxis(name, axis, *rms[:, i].tolist()))
+    return tuple(axes)

@@ -105,7 +105,7 @@ class Misfit:
         far = self.excess.sum(axis=0) > NAMED
         far |= self.scatter < 1.0 / ABSURD  # stated in another unit
         names = [None if isinstance(kind, Orientation) and not kind.name else kind.name for kind in self.kinds]
-        return tuple(name for name, one in zip(names, far.tolist(), strict=True) if one)
+        return tuple(name for name, is_far in zip(names, far.tolist(), strict=True) if is_far)
 
     def off(self, errors: Array, number: int = 0) -> float:
         """Return the median length of (M, d) errors of what one kind read, in its unit."""
@@ -142,24 +142,24 @@ class Case:
         """(M,) session of every row."""
         return np.array(self.rows.session)
 
-    def meant(self, hypothesis: Misreading, own: np.ndarray | None = None) -> Case:
+    def meant(self, hypothesis: Misreading, rows: np.ndarray | None = None) -> Case:
         """Return the case as a hypothesis has it in (M,) own rows, in all where None."""
         after = hypothesis.rows(self.rows) if hypothesis.of_rows else hypothesis.rows(self.every).some(self.some)
-        if own is not None:
-            place, old = own[:, None], self.rows
+        if rows is not None:
+            place, old = rows[:, None], self.rows
             kinds = [
                 replace(b, values=np.where(place, b.values, a.values), sigma=np.where(place, b.sigma, a.sigma))
                 for a, b in zip(old.readings.kinds, after.readings.kinds, strict=True)
             ]
-            names = zip(old.payload, after.payload, own.tolist(), strict=True)
+            names = zip(old.payload, after.payload, rows.tolist(), strict=True)
             payload = tuple(b if there else a for a, b, there in names)
             readings = replace(old.readings, kinds=tuple(kinds))
             after = replace(after, q=np.where(place, after.q, old.q), payload=payload, readings=readings)
         return replace(self, arm=hypothesis.arm or self.arm, rows=after)
 
-    def only(self, some: np.ndarray) -> Case:
+    def only(self, chosen: np.ndarray) -> Case:
         """Return the case in (m,) of its rows."""
-        return replace(self, rows=self.rows.some(some), some=self.some[some])
+        return replace(self, rows=self.rows.some(chosen), some=self.some[chosen])
 
     def rests_as(self, other: Case) -> bool:
         """Return whether the arm rests in its rows as that of another case does."""
@@ -193,13 +193,13 @@ def misfit(
     setup, line = first_guess(arm, campaign, rows, None if known is None else known.line, instrument, allow_large=True)
     begun = sensor_start(look(setup, campaign, rows, line=line))
     kinds = SEEN if placing else FRAMES
-    blocks = [one for one in declared_blocks(setup, campaign) if not (case.keep or placing) or one.kind in kinds]
-    values = np.array([begun.get(one, 0.0) for one in parameters_of(blocks)])
+    blocks = [block for block in declared_blocks(setup, campaign) if not (case.keep or placing) or block.kind in kinds]
+    values = np.array([begun.get(parameter, 0.0) for parameter in parameters_of(blocks)])
     # A declared compliance is often a guess: what it would explain is no other convention.
     rough = outlier_limit(1) * LOOSE
     stds = [np.maximum(block.prior, rough) if block.logarithmic else block.prior for block in blocks]
     precision = np.concatenate([np.zeros(0), *stds]) ** -2.0
-    rounds, first, found = rounds or (1 if campaign.positioned[rows].any() else ROUNDS), None, None
+    rounds, first, settled = rounds or (1 if campaign.positioned[rows].any() else ROUNDS), None, None
     for _ in range(rounds):
         now = realise(setup, blocks, values)
         near = line if first is None else solved(now, campaign, rows, allow_large=True)
@@ -208,14 +208,14 @@ def misfit(
         jacobian = np.zeros((*view.residual.shape, 0))
         jacobian = np.concatenate([jacobian, *(block.jacobian(view) for block in blocks)], axis=2)
         least = FINE_SHARE * view.readings.stacked(lambda kind, at=view.at: _whole(kind, at, arm.robot.reach))
-        before, floor = found, np.maximum(view.sigma, least)
-        found = _settled(jacobian, precision, values, view.residual, floor, view.readings.slices)
-        values = moved_by(blocks, values, found[0])
-        if before is not None and before[1] - found[1] < 1.0:
+        before, floor = settled, np.maximum(view.sigma, least)
+        settled = _settled(jacobian, precision, values, view.residual, floor, view.readings.slices)
+        values = moved_by(blocks, values, settled[0])
+        if before is not None and before[1] - settled[1] < 1.0:
             break
-    free = any(one.kind not in FRAMES for one in blocks) or any(one.learn is not None for one in arm.flexures)
-    assert first is not None and found is not None
-    _, cost, excess, ideal, left, scatter = found
+    free = any(part.kind not in FRAMES for part in blocks) or any(part.learn is not None for part in arm.flexures)
+    assert first is not None and settled is not None
+    _, cost, excess, ideal, left, scatter = settled
     return Misfit(first, setup.instrument, cost, excess, ideal, left, scatter, free)
 
 
@@ -239,30 +239,30 @@ def _settled(
         places: Where each instrument's numbers stand among the d.
     """
     read, left, steps = np.isfinite(floor), residual / floor, jacobian / floor[:, :, None]
-    own = np.zeros((floor.shape[1], len(places)))  # which numbers are of which instrument
+    of_kind = np.zeros((floor.shape[1], len(places)))  # which numbers are of which instrument
     for number, place in enumerate(places):
-        own[place, number] = 1.0
-    count, squares = read @ own, left**2 @ own
+        of_kind[place, number] = 1.0
+    count, squares = read @ of_kind, left**2 @ of_kind
     total = np.maximum(count.sum(axis=0), 1.0)
     worth, variance = LOOKS / np.maximum(total, LOOKS), np.ones(len(places))
     for number in np.flatnonzero(count.any(axis=0)):
-        some = count[:, number] > 0.0
-        variance[number] = max(float(np.median(squares[some, number] / count[some, number])), 1.0)
+        read_in = count[:, number] > 0.0
+        variance[number] = max(float(np.median(squares[read_in, number] / count[read_in, number])), 1.0)
     values, whole = np.zeros(len(precision)), left
     for _ in range(ROUNDS):
         weights = (TAILS + count) / (TAILS + squares / variance)
         if len(precision):
-            each = np.sqrt((worth * weights / variance) @ own.T)
+            each = np.sqrt((worth * weights / variance) @ of_kind.T)
             flat = (steps * each[:, :, None]).reshape(-1, len(precision))
             values = LinearGaussian.of(flat, precision).solve(flat.T @ (whole * each).ravel() - precision * start)
             left = whole - steps @ values
-            squares = left**2 @ own
+            squares = left**2 @ of_kind
         near = (TAILS + count) / (TAILS + squares / variance)
         before, variance = variance, np.maximum((near * squares).sum(axis=0) / total, 1.0)
         if np.abs(np.log(variance / before)).max(initial=0.0) < EVEN:
             break
-    known = np.where(read, floor, 1.0)
-    sizes = np.log(known) @ own
+    whitened_by = np.where(read, floor, 1.0)
+    sizes = np.log(whitened_by) @ of_kind
 
     def cost(squared: Array, variance: Array) -> Array:
         tails = 0.5 * (TAILS + count) * np.log1p(squared / variance / TAILS)
@@ -270,7 +270,7 @@ def _settled(
 
     parts, held = cost(squares, variance), 0.5 * float((precision * (values + start) ** 2).sum())
     least = np.minimum(cost(count, np.ones(len(places))), parts)
-    errors, small = np.where(read, left * known, 0.0), (weights * squares).sum(axis=0) / total
+    errors, small = np.where(read, left * whitened_by, 0.0), (weights * squares).sum(axis=0) / total
     return values, float(parts.sum()) + held, parts - least, float(least.sum()), errors, np.sqrt(small)
 
 
@@ -319,47 +319,47 @@ def check_conventions(
         return ()
     if len(rows) > ROWS_LOOKED_AT:
         rows = rows[_spread(len(rows), ROWS_LOOKED_AT)]
-    case, found = Case(arm, measurements.some(rows), keep, measurements, rows), None
+    case, fitted = Case(arm, measurements.some(rows), keep, measurements, rows), None
     with suppress(ArmflexError):
-        found = misfit(case)
-        if not found.plausible:
-            found = misfit(case, found.view, rounds=ROUNDS)  # nor is an arm accused that one step does not fit
+        fitted = misfit(case)
+        if not fitted.plausible:
+            fitted = misfit(case, fitted.view, rounds=ROUNDS)  # nor is an arm accused that one step does not fit
     far = bool(in_other_units(measurements.q, arm).any())
-    if found is not None and found.plausible and not far:
+    if fitted is not None and fitted.plausible and not far:
         return ()
-    named = _named(case, found, searched)
+    named = _named(case, fitted, searched)
     if not named:
         check_joint_units(measurements.q, arm, measurements.places, units=measurements.units)
     if named and named[0].hypothesis.of in arm.sensors and named[0].hypothesis.slip is not None:
         text = f"{named[0].name}: {named[0].hypothesis.remedy}"  # the others say where the arm is
         return (Flag("instrument_moved", text, about=named[0].hypothesis.of),)
     where = f"{case.rows.places[0].file}: " if case.rows.places and case.rows.places[0] else ""
-    if found is None:
+    if fitted is None:
         begun = "the arm has no equilibrium at these rows as they are declared"
     else:
-        of = "orientation" if found.suspects == (None,) else ""
-        sensors = ", ".join(kind.title for kind in found.kinds if kind.name and kind.name in found.suspects)
-        off = _off_placed(case, of) or found.said(of)
+        of = "orientation" if fitted.suspects == (None,) else ""
+        sensors = ", ".join(kind.title for kind in fitted.kinds if kind.name and kind.name in fitted.suspects)
+        off = _off_placed(case, of) or fitted.said(of)
         begun = f"{of or 'reading'}s are {off} off the arm{f' ({sensors})' if sensors else ''}"
         begun += ", further than [prior] explains"
     if named:
-        said = "; or ".join(one.said for one in named)
-        raise ConventionError(f"{where}{begun}: {said}", [one.name for one in named])
-    if found is None or keep:
+        said = "; or ".join(ranked.said for ranked in named)
+        raise ConventionError(f"{where}{begun}: {said}", [ranked.name for ranked in named])
+    if fitted is None or keep:
         return ()
     if (
-        found.kinds[0].unit == "m"
-        and (left := found.off(found.left)) > outlier_limit(1) * LARGEST_MOTION * arm.robot.reach
+        fitted.kinds[0].unit == "m"
+        and (left := fitted.off(fitted.left)) > outlier_limit(1) * LARGEST_MOTION * arm.robot.reach
     ):
         text = f"{where}{begun}, {in_mm(left)} of which is left with all that [prior] frees"
         text += ": no defect of an arm is so large, and no convention that is tried explains it"
         more = "check that rows and readings are of the same poses, the URDF this arm's, the tip the target's link"
         raise ConventionError(f"{text}; {more}, and for two conventions at once", [])
     flags = []
-    for number, kind in enumerate(found.kinds):
-        sought = searched and any(one.anywhere for one in kind.nuisances)  # stands where it is found to stand
-        if kind.name and found.scatter[number] > ABSURD and not sought:
-            off = said_of(found.off(found.left, number), kind.shown_in)
+    for number, kind in enumerate(fitted.kinds):
+        sought = searched and any(nuisance.anywhere for nuisance in kind.nuisances)  # stands where it is found to stand
+        if kind.name and fitted.scatter[number] > ABSURD and not sought:
+            off = said_of(fitted.off(fitted.left, number), kind.shown_in)
             text = f"{kind.title}: with all that [prior] and its declaration free, what it read is {off} off: "
             text += f"an effect is missing, or [instrument.{kind.name}] is not as declared"
             flags.append(Flag("instrument_implausible", text, about=kind.name))
@@ -376,52 +376,55 @@ def _read(kind: Kind) -> Kind:
     return replace(kind, sigma=np.where(kind.read, kind.sigma, np.inf)) if isinstance(kind, Position) else kind
 
 
-def _named(case: Case, found: Misfit | None, searched: bool) -> list[Named]:
+def _named(case: Case, fitted: Misfit | None, searched: bool) -> list[Named]:
     """Return the hypotheses whose odds against the campaign as written are beyond `NAMED`, the likeliest first."""
-    tried = list(_candidates(case, found))
-    if found is not None and not found.free and not case.keep and not searched:
+    tried = list(_candidates(case, fitted))
+    if fitted is not None and not fitted.free and not case.keep and not searched:
         more = "there is nothing to fit: give it joint_offset, compliance, tool or geometry, a standard deviation each"
         prior = replace(USUAL_PRIOR, session_target=case.arm.prior.session_target)
         tried.append((Misreading("[prior] frees nothing", more, arm=replace(case.arm, prior=prior)), None))
     named, meant = dict[str, Named](), dict[str, tuple[Misreading, np.ndarray | None]]()
 
     def judged(
-        hypothesis: Misreading, own: np.ndarray | None, some: np.ndarray | None = None
+        hypothesis: Misreading, of_rows: np.ndarray | None, looked_at: np.ndarray | None = None
     ) -> tuple[float, Misfit | None, str]:
         """Return what a hypothesis is charged, how all rows fit then, or some at a glance, and in which it holds."""
         with suppress(ArmflexError):
-            other, (words, charge) = case.meant(hypothesis, own), _charge(case, hypothesis, own)
-            known = found.view if found is not None and other.rests_as(case) else None
-            near = found.placed if found is not None and hypothesis.of == "loads" else None
-            if some is None:
+            other, (words, charge) = case.meant(hypothesis, of_rows), _charge(case, hypothesis, of_rows)
+            known = fitted.view if fitted is not None and other.rests_as(case) else None
+            near = fitted.placed if fitted is not None and hypothesis.of == "loads" else None
+            if looked_at is None:
                 return charge, misfit(other, known, near), words
-            return charge, misfit(other.only(some), known and known.some(some), near, rounds=1), words
+            return charge, misfit(other.only(looked_at), known and known.some(looked_at), near, rounds=1), words
         return np.inf, None, ""
 
     if len(tried) > 2 * FEW:
         read = (np.flatnonzero(np.isfinite(kind.sigma).any(axis=1)) for kind in case.rows.readings.kinds)
-        some = np.unique(np.concatenate([own[_spread(len(own), ROWS_LOOKED_AT // 4)] for own in read]))
-        glances = (judged(*one, some) for one in tried)
+        looked_at = np.unique(np.concatenate([own[_spread(len(own), ROWS_LOOKED_AT // 4)] for own in read]))
+        glances = (judged(*candidate, looked_at) for candidate in tried)
         costs = [np.inf if then is None else charge + then.cost for charge, then, _ in glances]
         tried = [tried[i] for i in np.argsort(costs, kind="stable")[: 2 * FEW].tolist()]
-    for hypothesis, own in tried:
-        charge, then, words = judged(hypothesis, own)
+    for hypothesis, of_rows in tried:
+        charge, then, words = judged(hypothesis, of_rows)
         if then is None:
             continue
-        gain = (0.0 if found is None else found.cost) - then.cost
+        gain = (0.0 if fitted is None else fitted.cost) - then.cost
         if hypothesis.slip is not None and hypothesis.of not in case.arm.sensors:
             # An arm that slips as far explains as much.
             gain = min(gain, 0.5 * (hypothesis.slip / USUAL_PRIOR.geometry) ** 2)
         gain, name = gain - charge, f"{hypothesis.name}{words}"
-        if hypothesis.whole and found is not None and then.off(then.left) > np.sqrt(DOUBT) * found.off(found.left):
+        if hypothesis.whole and fitted is not None and then.off(then.left) > np.sqrt(DOUBT) * fitted.off(fitted.left):
             continue
-        if (found is None or gain > NAMED) and (name not in named or named[name].gain < gain):
+        if (fitted is None or gain > NAMED) and (name not in named or named[name].gain < gain):
             named[name] = Named(hypothesis, name, gain, then.said(hypothesis.of))
-            meant[name] = hypothesis, own
-    ranked = sorted(named.values(), key=lambda one: -one.gain)
-    likeliest = [one for one in ranked if one.gain > ranked[0].gain + np.log(DOUBT)][:FEW]
+            meant[name] = hypothesis, of_rows
+    ranked = sorted(named.values(), key=lambda candidate: -candidate.gain)
+    likeliest = [candidate for candidate in ranked if candidate.gain > ranked[0].gain + np.log(DOUBT)][:FEW]
     return [
-        replace(one, then=_off_placed(case.meant(*meant[one.name]), one.hypothesis.of) or one.then) for one in likeliest
+        replace(
+            candidate, then=_off_placed(case.meant(*meant[candidate.name]), candidate.hypothesis.of) or candidate.then
+        )
+        for candidate in likeliest
     ]
 
 
@@ -433,82 +436,89 @@ def _off_placed(case: Case, of: str) -> str:
     return ""
 
 
-def _charge(case: Case, hypothesis: Misreading, own: np.ndarray | None) -> tuple[str, float]:
+def _charge(case: Case, hypothesis: Misreading, rows: np.ndarray | None) -> tuple[str, float]:
     """Return in which (M,) own rows a hypothesis holds, '' for all, and what it costs to think of it and to say so."""
-    thought = NAMED * hypothesis.mistakes - LOOKS * hypothesis.volume * (1.0 if own is None else float(own.mean()))
-    if own is None:
+    thought = NAMED * hypothesis.mistakes - LOOKS * hypothesis.volume * (1.0 if rows is None else float(rows.mean()))
+    if rows is None:
         return "", thought
     sessions = case.sessions
-    (first, *others), count = dict.fromkeys(sessions[own].tolist()), len(set(sessions.tolist()))
-    if not others and own.sum() == (sessions == first).sum():
+    (first, *others), count = dict.fromkeys(sessions[rows].tolist()), len(set(sessions.tolist()))
+    if not others and rows.sum() == (sessions == first).sum():
         return f" in session {first!r}", thought + float(np.log(count))
-    share = float(np.clip(own.mean(), 1.0 / len(own), 1.0 - 1.0 / len(own)))
+    share = float(np.clip(rows.mean(), 1.0 / len(rows), 1.0 - 1.0 / len(rows)))
     chosen = -LOOKS / 3.0 * (share * np.log(share) + (1.0 - share) * np.log(1.0 - share))
-    return f" in some rows ({100.0 * share:.0f} %, the first {_place(case, int(np.argmax(own)))})", thought + chosen
+    return f" in some rows ({100.0 * share:.0f} %, the first {_place(case, int(np.argmax(rows)))})", thought + chosen
 
 
 def _place(case: Case, row: int) -> str:
     return case.rows.places[row].short if case.rows.places else f"row {case.some[row]}"
 
 
-def _candidates(case: Case, found: Misfit | None) -> Iterator[tuple[Misreading, np.ndarray | None]]:
+def _candidates(case: Case, fitted: Misfit | None) -> Iterator[tuple[Misreading, np.ndarray | None]]:
     """Yield what is worth being judged: a hypothesis, and (M,) in which rows it holds, None for all."""
-    suspects = ("",) if found is None else found.suspects
+    suspects = ("",) if fitted is None else fitted.suspects
     every = list(misreadings(case.arm, case.every, suspects))
-    moves = [] if found is None else list(_moves(case, found))
-    yield from ((one, None) for one in _likeliest_turns([one for one in every if one.of == "orientation"], case, found))
+    moves = [] if fitted is None else list(_moves(case, fitted))
+    yield from (
+        (hypothesis, None)
+        for hypothesis in _likeliest_turns(
+            [hypothesis for hypothesis in every if hypothesis.of == "orientation"], case, fitted
+        )
+    )
     if set(suspects) - {None}:
-        points = [one for one in every if one.of == "points"]
+        points = [hypothesis for hypothesis in every if hypothesis.of == "points"]
         tracked = bool(case.rows.positioned.all())
         if tracked:
-            yield from ((one, None) for one in estimated(case.arm, case.every, case.some))
-            yield from ((one, None) for one in (_apart(case, found) if found is not None else ()))
-        yield from _first_look(points, case, found) if tracked else ((one, None) for one in points)
-    for one in every + moves:
-        if one.of == "loads" and set(suspects) - {None}:
-            yield one, None
-            if one.some and found is not None:
-                own = _rows_of(one, case, found)
-                if own.any():
-                    yield one, own
-        elif one.slip is not None:
-            yield one, None
-    if found is not None:
-        still = [one for one in every + moves if one.slip is None]
-        yield from ((one, None) for one in _likeliest_readings(still, case, found))
+            yield from ((hypothesis, None) for hypothesis in estimated(case.arm, case.every, case.some))
+            yield from ((hypothesis, None) for hypothesis in (_apart(case, fitted) if fitted is not None else ()))
+        yield from _first_look(points, case, fitted) if tracked else ((hypothesis, None) for hypothesis in points)
+    for hypothesis in every + moves:
+        if hypothesis.of == "loads" and set(suspects) - {None}:
+            yield hypothesis, None
+            if hypothesis.some and fitted is not None:
+                rows = _rows_of(hypothesis, case, fitted)
+                if rows.any():
+                    yield hypothesis, rows
+        elif hypothesis.slip is not None:
+            yield hypothesis, None
+    if fitted is not None:
+        still = [hypothesis for hypothesis in every + moves if hypothesis.slip is None]
+        yield from ((hypothesis, None) for hypothesis in _likeliest_readings(still, case, fitted))
 
 
-def _apart(case: Case, found: Misfit) -> Iterator[Misreading]:
+def _apart(case: Case, fitted: Misfit) -> Iterator[Misreading]:
     """Yield that the target is at another place with each payload, or with each text of another column."""
-    view, rows = found.view, case.rows
+    view, rows = fitted.view, case.rows
     texts = {"payload": rows.payload} | {
-        name: own for name, own in rows.covariates.items() if isinstance(own, tuple) and levels(own)
+        name: column for name, column in rows.covariates.items() if isinstance(column, tuple) and levels(column)
     }
     place = view.foremost
-    if found.kinds[0].name or not isinstance(found.kinds[0], Position):
+    if fitted.kinds[0].name or not isinstance(fitted.kinds[0], Position):
         return
-    blocks = [one for one in declared_blocks(view.setup, rows) if not case.keep or one.kind in FRAMES]
-    jacobian = np.concatenate([np.zeros((*view.residual.shape, 0)), *(one.jacobian(view) for one in blocks)], axis=2)
+    blocks = [block for block in declared_blocks(view.setup, rows) if not case.keep or block.kind in FRAMES]
+    jacobian = np.concatenate(
+        [np.zeros((*view.residual.shape, 0)), *(block.jacobian(view) for block in blocks)], axis=2
+    )
     axes = view.at.axes @ view.line.tip[:, :3, :3]
     read = np.isfinite(view.sigma[:, place]).all(axis=1)
-    for column, own in texts.items():
-        first, *others = dict.fromkeys(own)
-        count = {name: own.count(name) for name in (first, *others)}
+    for column, texts_in in texts.items():
+        first, *others = dict.fromkeys(texts_in)
+        count = {name: texts_in.count(name) for name in (first, *others)}
         if not 0 < len(others) <= 2 * FEW or min(count.values()) < FEWEST_ROWS:
             continue
-        which = np.array(own)
+        which = np.array(texts_in)
         steps = [axes * (which == name)[:, None, None] for name in others]
         full = np.concatenate([jacobian[:, place], *steps], axis=2)[read] / view.sigma[read][:, place, None]
-        precision = np.concatenate([*(one.prior**-2.0 for one in blocks), np.ones(3 * len(others))])
+        precision = np.concatenate([*(block.prior**-2.0 for block in blocks), np.ones(3 * len(others))])
         flat = full.reshape(-1, len(precision))
         whole = (view.residual[read][:, place] / view.sigma[read][:, place]).ravel()
         values = LinearGaussian.of(flat, precision).solve(flat.T @ whole)
         shifts = dict(zip(others, values[-3 * len(others) :].reshape(-1, 3), strict=True))
-        yield targets_apart(case.arm, column, own, shifts)
+        yield targets_apart(case.arm, column, texts_in, shifts)
 
 
 def _first_look(
-    points: Sequence[Misreading], case: Case, found: Misfit | None
+    points: Sequence[Misreading], case: Case, fitted: Misfit | None
 ) -> Iterator[tuple[Misreading, np.ndarray | None]]:
     """Yield the hypotheses that bring points nearest to their places, in all rows, in a session or in some rows.
 
@@ -535,7 +545,7 @@ def _first_look(
     here, names = at(case), list(dict.fromkeys(sessions.tolist()))
     begun, before = frame(here, unknown), cost(here, unknown)
     looked = list[tuple[float, int, Misreading, np.ndarray | None]]()
-    odd = [name for name in names if found is None or found.excess[sessions == name].sum() > NAMED]
+    odd = [name for name in names if fitted is None or fitted.excess[sessions == name].sum() > NAMED]
     for hypothesis in points:
         other = case.meant(hypothesis)
         there, placed = at(other), other.arm.measurement.frame != "base"
@@ -544,79 +554,83 @@ def _first_look(
             continue
         price = cost(there, placed) + _charge(case, hypothesis, None)[1]
         looked.append((price, len(looked), hypothesis, None))
-        masks, own, near = [sessions == name for name in odd if len(names) > 1], np.zeros(len(sessions), bool), begun
+        masks, read_so, near = (
+            [sessions == name for name in odd if len(names) > 1],
+            np.zeros(len(sessions), bool),
+            begun,
+        )
         for _ in range(FEW if hypothesis.some else 0):  # which are nearer so, the instrument placed by the rest
-            last, own = own, 4.0 * squares(there, *near) < squares(here, *near)
-            if np.array_equal(own, last):
+            last, read_so = read_so, 4.0 * squares(there, *near) < squares(here, *near)
+            if np.array_equal(read_so, last):
                 break
-            near = frame(np.where(own[:, None, None], there, here), unknown)
-        for some in (*masks, own) if hypothesis.some else ():
-            if 0 < some.sum() < len(some):
-                price = cost(np.where(some[:, None, None], there, here), unknown)
-                looked.append((price + _charge(case, hypothesis, some)[1], len(looked), hypothesis, some))
-    looked.sort(key=lambda one: one[:2])
-    yield from ((one, own) for price, _, one, own in looked[:FEW] if price < before)
+            near = frame(np.where(read_so[:, None, None], there, here), unknown)
+        for mask in (*masks, read_so) if hypothesis.some else ():
+            if 0 < mask.sum() < len(mask):
+                price = cost(np.where(mask[:, None, None], there, here), unknown)
+                looked.append((price + _charge(case, hypothesis, mask)[1], len(looked), hypothesis, mask))
+    looked.sort(key=lambda glance: glance[:2])
+    yield from ((glance, mask) for price, _, glance, mask in looked[:FEW] if price < before)
 
 
-def _likeliest_turns(turned: Sequence[Misreading], case: Case, found: Misfit | None) -> list[Misreading]:
+def _likeliest_turns(turned: Sequence[Misreading], case: Case, fitted: Misfit | None) -> list[Misreading]:
     """Return the hypotheses about orientations after which a target is turned on the tool alike in most rows."""
     from scipy.spatial.transform import Rotation  # not needed to import the package
 
     spread = []
-    for hypothesis in turned if found is not None else ():
+    for hypothesis in turned if fitted is not None else ():
         kind = case.meant(hypothesis).rows.readings.of(Orientation)
-        assert kind is not None and found is not None
+        assert kind is not None and fitted is not None
         read = np.isfinite(kind.sigma).all(axis=1)
-        axes = (found.view.at.axes @ found.view.line.tip[:, :3, :3])[read]
+        axes = (fitted.view.at.axes @ fitted.view.line.tip[:, :3, :3])[read]
         mounted = axes.swapaxes(1, 2) @ Rotation.from_rotvec(kind.values[read]).as_matrix()
         left, _, right = np.linalg.svd(np.median(mounted, axis=0))
         spread.append(float(np.median(((mounted - left @ right) ** 2).sum(axis=(1, 2)))))
     return [turned[i] for i in np.argsort(spread, kind="stable")[:FEW]]
 
 
-def _likeliest_readings(every: Sequence[Misreading], case: Case, found: Misfit) -> Iterator[Misreading]:
+def _likeliest_readings(every: Sequence[Misreading], case: Case, fitted: Misfit) -> Iterator[Misreading]:
     """Yield the hypotheses about sensors; of those about the axes of one those that bring its readings nearest."""
     looked: list[tuple[float, int, Misreading]] = []
-    for hypothesis in (one for one in every if one.of in case.arm.sensors):
+    for hypothesis in (reading for reading in every if reading.of in case.arm.sensors):
         other = case.meant(hypothesis)
         pairs = zip(case.rows.readings.kinds, other.rows.readings.kinds, strict=True)
         changed = [i for i, (kind, new) in enumerate(pairs) if kind.values is not new.values and kind.name]
-        errors = found.view.residual.copy()
+        errors = fitted.view.residual.copy()
         for i in changed:
-            errors[:, found.view.readings.slices[i]] += other.rows.readings.kinds[i].values - found.kinds[i].values
-        turned = len(changed) == 1 and isinstance(found.kinds[changed[0]], Orientation)
+            errors[:, fitted.view.readings.slices[i]] += other.rows.readings.kinds[i].values - fitted.kinds[i].values
+        turned = len(changed) == 1 and isinstance(fitted.kinds[changed[0]], Orientation)
         if other.arm is not case.arm or len(changed) != 1 or turned or hypothesis.volume:
             yield hypothesis
         else:
-            looked.append((found.off(errors, changed[0]), len(looked), hypothesis))
-    for sensor in dict.fromkeys(one.of for *_, one in looked):  # each has its unit
-        own = [one for one in looked if one[2].of == sensor]
-        yield from (one for _, _, one in sorted(own, key=lambda one: one[:2])[:FEW])
+            looked.append((fitted.off(errors, changed[0]), len(looked), hypothesis))
+    for sensor in dict.fromkeys(glance.of for *_, glance in looked):  # each has its unit
+        of_sensor = [glance for glance in looked if glance[2].of == sensor]
+        yield from (glance for _, _, glance in sorted(of_sensor, key=lambda glance: glance[:2])[:FEW])
 
 
-def _rows_of(hypothesis: Misreading, case: Case, found: Misfit) -> np.ndarray:
+def _rows_of(hypothesis: Misreading, case: Case, fit_before: Misfit) -> np.ndarray:
     """Return (M,) in which rows a hypothesis about payloads holds: where less is left of the readings with it."""
-    meant, fitted = case.meant(hypothesis), found
+    meant, fitted = case.meant(hypothesis), fit_before
     open_ = np.array(meant.rows.payload) != np.array(case.rows.payload)
-    own, every, where = np.zeros(len(open_), bool), np.arange(len(open_)), found.view.foremost
+    chosen, every, where = np.zeros(len(open_), bool), np.arange(len(open_)), fit_before.view.foremost
     for _ in range(FEW):
         with suppress(ArmflexError):
-            fitted = misfit(case.meant(hypothesis, own), None, found.placed) if own.any() else found
-            one, other = (look(fitted.view.setup, rows, every).residual for rows in (case.rows, meant.rows))
-            now = np.where(own[:, None], other, one)
-            sizes = [((fitted.left + each - now)[:, where] ** 2).sum(axis=1) for each in (one, other)]
-            own = open_ & (sizes[1] < sizes[0])
-            if LOOKS * 0.5 * np.log(sizes[0].sum() / np.minimum(*sizes).sum()) < NAMED and fitted is found:
-                return np.zeros_like(own)  # it cannot explain enough
-    return own
+            fitted = misfit(case.meant(hypothesis, chosen), None, fit_before.placed) if chosen.any() else fit_before
+            here, other = (look(fitted.view.setup, rows, every).residual for rows in (case.rows, meant.rows))
+            now = np.where(chosen[:, None], other, here)
+            sizes = [((fitted.left + each - now)[:, where] ** 2).sum(axis=1) for each in (here, other)]
+            chosen = open_ & (sizes[1] < sizes[0])
+            if LOOKS * 0.5 * np.log(sizes[0].sum() / np.minimum(*sizes).sum()) < NAMED and fitted is fit_before:
+                return np.zeros_like(chosen)  # it cannot explain enough
+    return chosen
 
 
-def _moves(case: Case, found: Misfit) -> Iterator[Misreading]:
+def _moves(case: Case, fitted: Misfit) -> Iterator[Misreading]:
     """Yield that each instrument, and the target, was moved where it likeliest was, or stands somewhere else.
 
     What is left of the readings, in the axes of what was moved, is then one constant before and another after.
     """
-    view, sensors = found.view, case.arm.sensors
+    view, sensors = fitted.view, case.arm.sensors
     for number, (kind, place) in enumerate(view.readings.placed):
         # What was touched stands where it stood, and a socket that fits badly is no instrument that was moved. A camera
         # that was moved shows every picture otherwise: no constant is left of it.
@@ -624,20 +638,20 @@ def _moves(case: Case, found: Misfit) -> Iterator[Misreading]:
             isinstance(kind, Orientation)
             or kind.texts is not None
             or kind.apart
-            or found.excess[:, number].sum() < NAMED
+            or fitted.excess[:, number].sum() < NAMED
         ):
             continue
         read = np.flatnonzero(np.isfinite(kind.sigma).all(axis=1))
         if away := kind.some(read).elsewhere(view.at.some(read)):
             yield elsewhere(case.arm, sensors[kind.name], f"{kind.title}: {away}")
-        asked = [(kind.name, kind.title if kind.name else "the instrument", found.left[:, place], case.sessions)]
+        asked = [(kind.name, kind.title if kind.name else "the instrument", fitted.left[:, place], case.sessions)]
         if not kind.name:
-            tip = np.einsum("nji,nj->ni", view.at.axes @ view.line.tip[:, :3, :3], found.left[:, place])
+            tip = np.einsum("nji,nj->ni", view.at.axes @ view.line.tip[:, :3, :3], fitted.left[:, place])
             asked.append(("target", "the target", tip, np.zeros(len(tip))))
         for name, title, motion, within in asked:
             best, late, step = 0.0, np.zeros(0, int), np.zeros(kind.dimension)
-            for one in dict.fromkeys(within.tolist()):
-                own = read[within[read] == one]
+            for session in dict.fromkeys(within.tolist()):
+                own = read[within[read] == session]
                 for k in range(3, len(own) - 2):
                     jump = np.median(motion[own[k:]], axis=0) - np.median(motion[own[:k]], axis=0)
                     gain = float(k * (len(own) - k) / len(own) * (jump**2).sum())
@@ -650,23 +664,23 @@ def _moves(case: Case, found: Misfit) -> Iterator[Misreading]:
                 yield from moved(case.arm, name, title, start, rows, step, case.rows.session)
 
 
-def wrong_sigma(found: Fit, about: Sequence[Flag] = (), searched: bool = False) -> Iterator[Flag]:
+def wrong_sigma(fit: Fit, about: Sequence[Flag] = (), searched: bool = False) -> Iterator[Flag]:
     """Yield flags about instruments whose stated standard deviation cannot be meant, by how they scatter about a fit.
 
     A sensor scatters more than stated where the arm lacks something, too, but then so do others by as much.
 
     Args:
-        found: The fit, each instrument weighed by its scatter.
+        fit: The fit, each instrument weighed by its scatter.
         about: Flags on sensors that are implausible for another reason.
         searched: Whether what the arm lacks is looked for, which may be all that scatters.
     """
-    readings, suspects = found.view.readings, {flag.about for flag in about}
-    for number, (name, scatter) in enumerate(zip(readings.names, found.scatters, strict=True)):
-        kind, place = next((one, own) for one, own in readings.placed if one.name == name)
-        others = [one for i, one in enumerate(found.scatters) if i != number]
+    readings, suspects = fit.view.readings, {flag.about for flag in about}
+    for number, (name, scatter) in enumerate(zip(readings.names, fit.scatters, strict=True)):
+        kind, place = next((each, where) for each, where in readings.placed if each.name == name)
+        others = [value for i, value in enumerate(fit.scatters) if i != number]
         large = others and scatter > ABSURD * max(1.0, min(others))
-        small = found.noises[number][1] >= ABSURD and scatter < 1.0 / ABSURD
-        stated = float(np.median(found.stated[:, place][np.isfinite(kind.sigma)]))
+        small = fit.noises[number][1] >= ABSURD and scatter < 1.0 / ABSURD
+        stated = float(np.median(fit.stated[:, place][np.isfinite(kind.sigma)]))
         text = f"{kind.title}: its sigma is {said_of(stated, kind.shown_in)}, and its readings scatter by "
         text += f"{said_of(scatter * stated, kind.shown_in)}, {scatter:.2g} times as much"
         if scatter > ABSURD**2 and not searched:
@@ -677,7 +691,7 @@ def wrong_sigma(found: Fit, about: Sequence[Flag] = (), searched: bool = False) 
             yield Flag("sigma_implausible", f"{text}: {ask}", about=name)
 
 
-def check_scatter(found: Fit) -> None:
+def check_scatter(fit: Fit) -> None:
     """Raise where readings scatter a hundred times as far as they state: nothing is to be written that rests on them.
 
     No arm lacks `ABSURD` times what an instrument is said to read that states `ABSURD` times too little.
@@ -685,6 +699,6 @@ def check_scatter(found: Fit) -> None:
     Raises:
         ConventionError: With the instrument, what it states and how it scatters.
     """
-    for flag in wrong_sigma(found):
+    for flag in wrong_sigma(fit):
         if flag.code == "scattered":
             raise ConventionError(flag.text, ["readings scatter"])

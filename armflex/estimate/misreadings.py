@@ -85,7 +85,9 @@ def misreadings(arm: Arm, measurements: Measurements, suspects: Sequence[str | N
     """
     # Joints that are taken to turn less bring any touches together.
     touching = all(kind.texts is not None for kind in measurements.readings.kinds)
-    yield from (one for one in _of_joints(arm) if not (touching and one.name.endswith("in degrees")))
+    yield from (
+        hypothesis for hypothesis in _of_joints(arm) if not (touching and hypothesis.name.endswith("in degrees"))
+    )
     yield from _of_positions(arm, measurements)
     yield from _of_loads(arm, measurements)
     for kind in measurements.readings.kinds:
@@ -118,11 +120,14 @@ def _of_joints(arm: Arm) -> Iterator[Misreading]:
     for place, what in [([i], f"q_{joints[i]} is") for i in every] + [(every, "the turning joints are")]:
         if len(place) == 1 or len(every) > 1:
             head = f"q_{joints[place[0]]}_deg" if len(place) == 1 else "q_..._deg"
-            own = np.isin(np.arange(len(at)), place)
+            scaled_places = np.isin(np.arange(len(at)), place)
             for unit, factor in (("degrees", np.pi / 180.0), ("radians", 180.0 / np.pi)):
                 remedy = f"write {head} into the header" if unit == "degrees" else "take _deg from the header"
                 yield Misreading(
-                    f"{what} in {unit}", remedy, joints_as(np.diag(np.where(own, factor, 1.0))), some=len(place) > 1
+                    f"{what} in {unit}",
+                    remedy,
+                    joints_as(np.diag(np.where(scaled_places, factor, 1.0))),
+                    some=len(place) > 1,
                 )
     if arm.robot.urdf.dh:
         other = in_other_form(arm.robot)
@@ -163,7 +168,7 @@ def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Misreading]:
         remedy = 'declare what was read as [instrument.NAME], such as kind = "height" in the column NAME'
         yield Misreading(name, remedy, _read(lambda kind, _: _without(kind, fixed)))
     smaller = "write sigma_mm into the header"
-    yield Misreading("sigma is in mm", smaller, lambda one: replace(one, sigma=1e-3 * one.sigma), mistakes=2)
+    yield Misreading("sigma is in mm", smaller, lambda rows: replace(rows, sigma=1e-3 * rows.sigma), mistakes=2)
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
         axes = np.eye(3)[list(order)] * np.array(signs)[:, None]
         away, turned = ["xyz"[i] for i in range(3) if order[i] != i], ["xyz"[i] for i in range(3) if signs[i] < 0.0]
@@ -193,16 +198,16 @@ def _of_loads(arm: Arm, measurements: Measurements) -> Iterator[Misreading]:
         other = np.linalg.norm(down) * sign * np.eye(3)[axis]
         if np.any(down) and not np.allclose(other, down):
             name = f"gravity points along {'-' if sign < 0.0 else '+'}{'xyz'[axis]} of the base"
-            shown = ", ".join(f"{one:g}" for one in other)
+            shown = ", ".join(f"{number:g}" for number in other)
             pulled = replace(arm, robot=replace(arm.robot, gravity=other))
             yield Misreading(name, f"write gravity = [{shown}] under [robot], or a mount", arm=pulled, of="loads")
     masses = {"none": 0.0} | {name: payload.mass for name, payload in arm.payloads.items()}
     given = {name: masses[name] for name in dict.fromkeys(measurements.payload)}
-    for one, other in combinations(sorted(given), 2):
-        name = f"the payloads {one!r} and {other!r} are exchanged"
+    for payload, other in combinations(sorted(given), 2):
+        name = f"the payloads {payload!r} and {other!r} are exchanged"
         remedy = "exchange their names in the column payload"
-        yield Misreading(name, remedy, _payloads({one: other, other: one}), of="loads")
-    for empty, heavy in product((one for one in given if not given[one]), arm.payloads):
+        yield Misreading(name, remedy, _payloads({payload: other, other: payload}), of="loads")
+    for empty, heavy in product((payload for payload in given if not given[payload]), arm.payloads):
         if arm.payloads[heavy].mass:
             name = f"rows whose payload is {empty!r} or not given carry {heavy!r}"
             yield Misreading(name, "name it in the column payload", _payloads({empty: heavy}), of="loads", some=True)
@@ -211,11 +216,14 @@ def _of_loads(arm: Arm, measurements: Measurements) -> Iterator[Misreading]:
             heavy = {name: replace(payload, mass=factor * payload.mass) for name, payload in arm.payloads.items()}
             meant = replace(arm, payloads=heavy)
             yield Misreading(f"payload masses are in {unit}", "write them in kg", arm=meant, of="loads")
-    if giving := [one.name for one in arm.flexures if one.law.freed(anywhere(arm.robot))]:
+    if giving := [flexure.name for flexure in arm.flexures if flexure.law.freed(anywhere(arm.robot))]:
         for factor, unit in ((1e3, "a thousand times too small"), (1e-3, "a thousand times too large")):
             remedy = "give it in rad/Nm and m/N, check mrad, kN, kNm and mm"
             times = np.full(6, np.sqrt(factor))
-            softer = [replace(one, law=scaled(one.law, times)) if one.name in giving else one for one in arm.flexures]
+            softer = [
+                replace(flexure, law=scaled(flexure.law, times)) if flexure.name in giving else flexure
+                for flexure in arm.flexures
+            ]
             meant = replace(arm, flexures=tuple(softer))
             yield Misreading(f"the compliance is {unit}", remedy, arm=meant, of="loads")
 
@@ -300,9 +308,9 @@ def _of_sensor(kind: Kind, arm: Arm, measurements: Measurements) -> Iterator[Mis
             yield Misreading(what, "write its columns so", change, mistakes=mistakes, of=name)
     for other in measurements.readings.kinds:
         if other.name != name and type(other) is type(kind) and not isinstance(kind, Orientation):
-            one, last = sorted([name, other.name])
-            text = f"the columns of {one or 'the tip: x, y, z,'} and those of {last} are exchanged"
-            yield Misreading(text, "exchange their headers", _exchanged(one, last), of=name)
+            first, last = sorted([name, other.name])
+            text = f"the columns of {first or 'the tip: x, y, z,'} and those of {last} are exchanged"
+            yield Misreading(text, "exchange their headers", _exchanged(first, last), of=name)
     robot = arm.robot
     for link in dict.fromkeys([robot.base, *(joint.child for joint in robot.chain), robot.tip]):
         if not isinstance(kind, Encoder) and link not in (sensor.link, sensor.seen_from):
@@ -320,7 +328,7 @@ def targets_apart(arm: Arm, column: str, groups: Sequence[str], steps: Mapping[s
         groups: (N,) the group of each row, as `column` has it.
         steps: (3,) how much farther the target is [m], tip axes, by group, all but the first.
     """
-    shifts = [f"{name!r} by ({', '.join(f'{1e3 * one:.3g}' for one in step)}) mm" for name, step in steps.items()]
+    shifts = [f"{name!r} by ({', '.join(f'{1e3 * number:.3g}' for number in step)}) mm" for name, step in steps.items()]
     first = next(name for name in groups if name not in steps)
     text = f"the target is at another place with {column} {listing(shifts)} (tip axes) than with {first!r}"
     remedy = f"give the rows of each {column} a session of their own, and session_target under [prior]"
@@ -328,8 +336,8 @@ def targets_apart(arm: Arm, column: str, groups: Sequence[str], steps: Mapping[s
     prior = replace(arm.prior, session_target=max(arm.prior.session_target, size))
 
     def apart(rows: Measurements) -> Measurements:
-        own = rows.payload if column == "payload" else rows.covariates[column]
-        return replace(rows, session=tuple(f"{a}, {b}" for a, b in zip(rows.session, own, strict=True)))
+        labels = rows.payload if column == "payload" else rows.covariates[column]
+        return replace(rows, session=tuple(f"{a}, {b}" for a, b in zip(rows.session, labels, strict=True)))
 
     return Misreading(text, remedy, apart, arm=replace(arm, prior=prior), whole=True)
 
@@ -362,23 +370,31 @@ def moved(
         back = _values(name, lambda values: values - rows[:, None] * step, Kind if name else Position)
         yield Misreading(text, remedy, back, **more)
     if name in ("", "target"):
-        own = tuple(f"{one} moved" if late else one for one, late in zip(sessions, rows.tolist(), strict=True))
+        renamed = tuple(
+            f"{session} moved" if late else session for session, late in zip(sessions, rows.tolist(), strict=True)
+        )
         if name == "target":
             instrument = arm.instrument or Instrument()
-            before = {one: instrument.targets.get(one.removesuffix(" moved"), np.zeros(6)) for one in own}
-            after = {one: here + np.append(step, np.zeros(3)) for one, here in before.items() if one.endswith(" moved")}
+            before = {
+                session: instrument.targets.get(session.removesuffix(" moved"), np.zeros(6)) for session in renamed
+            }
+            after = {
+                session: here + np.append(step, np.zeros(3))
+                for session, here in before.items()
+                if session.endswith(" moved")
+            }
             arm = replace(arm, instrument=replace(instrument, targets=before | after))
-        yield Misreading(text, remedy, lambda measurements: replace(measurements, session=own), arm, **more)
+        yield Misreading(text, remedy, lambda measurements: replace(measurements, session=renamed), arm, **more)
 
 
 def _factors(unit: str) -> Iterator[tuple[str, str, float]]:
     """Yield (unit that numbers are in, unit that they were read in, factor), of each factor the usual pair."""
     seen = set[float]()
-    for taken, own in sorted(permutations(WRITTEN_IN[unit], 2), key=lambda pair: pair[0] != unit):
-        factor = WRITTEN_IN[unit][own] / WRITTEN_IN[unit][taken]
+    for taken, written in sorted(permutations(WRITTEN_IN[unit], 2), key=lambda pair: pair[0] != unit):
+        factor = WRITTEN_IN[unit][written] / WRITTEN_IN[unit][taken]
         if round(np.log(factor), 6) not in seen:
             seen.add(round(np.log(factor), 6))
-            yield own, taken, factor
+            yield written, taken, factor
 
 
 def _read(change: Callable[[Kind, Measurements], Kind]) -> Rewriting:
@@ -412,8 +428,8 @@ def _positions(by: Array, sigma: float = 1.0) -> Rewriting:
     return _values("", lambda values: values @ by.T, Position, sigma)
 
 
-def _exchanged(one: str, other: str) -> Rewriting:
-    names = {one: other, other: one}
+def _exchanged(first: str, other: str) -> Rewriting:
+    names = {first: other, other: first}
 
     def change(kind: Kind, measurements: Measurements) -> Kind:
         fellow = measurements.readings.of(type(kind), names[kind.name]) if kind.name in names else None

@@ -85,7 +85,7 @@ def lost_readings(view: View, sessions: Sequence[str], poses: np.ndarray, heed: 
             beside += far[other] & ((session[other] == session) & (other == row + step))[:, None]
         # Enough other readings of the same pose are far off, and half of them.
         others = (np.bincount(poses)[poses] - 1)[:, None]
-        alike = np.array([np.bincount(poses, one)[poses] for one in far.T.astype(float)]).T - far
+        alike = np.array([np.bincount(poses, column)[poses] for column in far.T.astype(float)]).T - far
         lost &= (beside < FELLOWS) & ((alike < FELLOWS) | (2 * alike < others))
     return paired | (lost & (lost.mean(axis=0) <= MOST_LOST))
 
@@ -99,8 +99,8 @@ def lost_among(view: View, measurements: Measurements, heed: bool = True) -> np.
 def without_lost(measurements: Measurements, rows: np.ndarray, lost: np.ndarray) -> tuple[Measurements, np.ndarray]:
     """Return a campaign in which (M, G) lost readings of (M,) rows were not made, and (M,) which rows hold others."""
     kept = np.ones((len(measurements), measurements.readings.size), bool)
-    for own, place in zip(lost.T, measurements.readings.groups, strict=True):
-        kept[rows[own], place] = False
+    for column, place in zip(lost.T, measurements.readings.groups, strict=True):
+        kept[rows[column], place] = False
     left = measurements if kept.all() else replace(measurements, readings=measurements.readings.where(kept))
     return left, np.any(np.isfinite(left.readings.sigma[rows]), axis=1)
 
@@ -126,24 +126,24 @@ def fit_without_lost(
         As `fit`.
     """
     used, lost = near.rows, lost_among(near, measurements)
-    effort, failed, found = ROUGH if lost.any() else THOROUGH, None, None
+    effort, failed, fitted = ROUGH if lost.any() else THOROUGH, None, None
     for number in range(ROUNDS):
         rest, kept = without_lost(measurements, used, lost)
         try:
-            found, failed = fit(declared, blocks, rest, used[kept], start, progress, effort), None
+            fitted, failed = fit(declared, blocks, rest, used[kept], start, progress, effort), None
         except ConvergenceError as error:
-            found, failed = fit(declared, blocks, rest, used[kept], start, progress, ROUGH), error
+            fitted, failed = fit(declared, blocks, rest, used[kept], start, progress, ROUGH), error
         if lost.any():
-            found = replace(found, view=look(found.setup, measurements, used))
-        again = lost_among(found.view, measurements)
+            fitted = replace(fitted, view=look(fitted.setup, measurements, used))
+        again = lost_among(fitted.view, measurements)
         again |= lost & (number >= FELLOWS)  # from then on none comes back
         if np.array_equal(again, lost) and effort is THOROUGH:
             break
-        lost, start, effort = again, found.values, THOROUGH
+        lost, start, effort = again, fitted.values, THOROUGH
     if failed is not None:
         raise failed
-    assert found is not None
-    return found
+    assert fitted is not None
+    return fitted
 
 
 def exchanged(view: View, far: np.ndarray) -> dict[tuple[int, int], tuple[int, int]]:
@@ -155,28 +155,28 @@ def exchanged(view: View, far: np.ndarray) -> dict[tuple[int, int], tuple[int, i
         view: The campaign at a fit; rows are counted from 0.
         far: (M, G) readings that are far off.
     """
-    found: dict[tuple[int, int], tuple[int, int]] = {}
+    swaps: dict[tuple[int, int], tuple[int, int]] = {}
     foremost = {place.start: kind for kind, place in view.readings.placed}
-    groups = [(foremost[one.start], slice(one.start, one.start + foremost[one.start].dimension))
-              for one in view.readings.groups]  # fmt: skip
+    groups = [(foremost[column.start], slice(column.start, column.start + foremost[column.start].dimension))
+              for column in view.readings.groups]  # fmt: skip
     limits = []
     for number, (kind, place) in enumerate(groups):
         near = ~far[:, number]
         rest = np.linalg.norm(view.residual[near, place] / view.sigma[near, place], axis=1)
         limits.append(outlier_limit(kind.dimension) * max(float(np.median(rest)) if len(rest) else 1.0, 1.0))
     # In the order of rows and instruments, each pair once.
-    for (i, one), (j, other) in combinations(np.argwhere(far).tolist(), 2):
-        (kind, place), (second, elsewhere) = groups[one], groups[other]
-        if one != other and (i != j or type(kind) is not type(second)):
+    for (i, group), (j, other) in combinations(np.argwhere(far).tolist(), 2):
+        (kind, place), (second, elsewhere) = groups[group], groups[other]
+        if group != other and (i != j or type(kind) is not type(second)):
             continue
         apart = second.values[j] - kind.values[i]
         crossed = (
             np.linalg.norm((apart + view.residual[i, place]) / view.sigma[j, elsewhere]),
             np.linalg.norm((view.residual[j, elsewhere] - apart) / view.sigma[i, place]),
         )
-        if max(crossed) < min(limits[one], limits[other]):
-            found |= {(i, one): (j, other), (j, other): (i, one)}
-    return found
+        if max(crossed) < min(limits[group], limits[other]):
+            swaps |= {(i, group): (j, other), (j, other): (i, group)}
+    return swaps
 
 
 def outliers_of(view: View, far: np.ndarray, measurements: Measurements, kind: str) -> Iterator[Outlier]:
@@ -190,10 +190,10 @@ def outliers_of(view: View, far: np.ndarray, measurements: Measurements, kind: s
     """
     pairs, places, named = exchanged(view, far), measurements.places, view.readings.names
     for number, group in enumerate(view.readings.groups):
-        own = next(one for one, place in view.readings.placed if place.start == group.start)
-        error: Array = np.linalg.norm(view.residual[:, group.start : group.start + own.dimension], axis=1)
-        some = np.flatnonzero(far[:, number])
-        for i in some[np.argsort(-error[some])].tolist():
+        each = next(one for one, place in view.readings.placed if place.start == group.start)
+        error: Array = np.linalg.norm(view.residual[:, group.start : group.start + each.dimension], axis=1)
+        rows = np.flatnonzero(far[:, number])
+        for i in rows[np.argsort(-error[rows])].tolist():
             row, said, fellow = int(view.rows[i]), kind, ""
             if (i, number) in pairs:
                 (j, second), said = pairs[i, number], "exchanged"
@@ -201,10 +201,10 @@ def outliers_of(view: View, far: np.ndarray, measurements: Measurements, kind: s
                 fellow = f"line {places[there].line}" if places else f"row {there}"
                 fellow = fellow if j != i else named[second] or "x y z"
             place = places[row] if places else None
-            yield Outlier(row, place, float(error[i]), said, own.name, own.unit, fellow, own.shown)
+            yield Outlier(row, place, float(error[i]), said, each.name, each.unit, fellow, each.shown)
 
 
-def outlier_json(one: Outlier) -> dict[str, Any]:
+def outlier_json(outlier: Outlier) -> dict[str, Any]:
     """Return which reading is an outlier, by which instrument, and the one that it was exchanged with."""
-    known = {"instrument": one.instrument, "exchanged_with": one.fellow}
-    return {"row": one.row, "place": str(one.place)} | {name: value for name, value in known.items() if value}
+    names = {"instrument": outlier.instrument, "exchanged_with": outlier.fellow}
+    return {"row": outlier.row, "place": str(outlier.place)} | {name: value for name, value in names.items() if value}

@@ -55,8 +55,8 @@ def first_guess(
         instrument: Where it stands, near enough; it is placed where not given.
         allow_large: Whether flexures may turn by more than 0.1 rad.
     """
-    some = measurements.some(rows)
-    pieces, stands = some.pieces, instrument or arm.instrument or Instrument()
+    chosen = measurements.some(rows)
+    pieces, stands = chosen.pieces, instrument or arm.instrument or Instrument()
     several = len(pieces) > 1
     if instrument is None:  # what an arm knows of campaigns before is not of these
         stands = replace(stands, campaigns=tuple(pieces) if several else ())
@@ -69,7 +69,7 @@ def first_guess(
         before = setup.instrument.pose
         if several:
             alone = replace(setup, instrument=replace(setup.instrument, sessions={}, campaigns=()))
-            each = {name: _stood(alone, line.some(own), measurements, rows[own]) for name, own in pieces.items()}
+            each = {name: _stood(alone, line.some(place), measurements, rows[place]) for name, place in pieces.items()}
             setup = _together(each)
         else:
             setup = _stood(setup, line, measurements, rows)
@@ -83,27 +83,27 @@ def first_guess(
 
 def _stood(setup: Setup, line: Response, measurements: Measurements, rows: np.ndarray) -> Setup:
     """Return the setup with its instrument placed by a best rigid fit to (M,) rows in which it was not moved."""
-    some, seen = measurements.some(rows), measurements.positioned[rows]
-    targets = [kind for kind in some.readings.kinds if kind.name and isinstance(kind, Position)]
+    chosen, seen = measurements.some(rows), measurements.positioned[rows]
+    targets = [kind for kind in chosen.readings.kinds if kind.name and isinstance(kind, Position)]
     if seen.any():
-        points = setup.instrument.in_base(line.tip, some.session)[seen]
+        points = setup.instrument.in_base(line.tip, chosen.session)[seen]
         return placed_rigidly(setup, points, measurements, rows[seen], line.tip[seen, :3, :3])
     if not targets:
         return setup
     # Further ones are all there is to see where it stands.
     at = postures(setup, line, measurements, rows)
     read = [np.isfinite(kind.sigma).all(axis=1) for kind in targets]
-    points = np.concatenate([kind.predicted(at)[own] for kind, own in zip(targets, read, strict=True)])
-    there = np.concatenate([kind.values[own] for kind, own in zip(targets, read, strict=True)])
+    points = np.concatenate([kind.predicted(at)[mask] for kind, mask in zip(targets, read, strict=True)])
+    there = np.concatenate([kind.values[mask] for kind, mask in zip(targets, read, strict=True)])
     return setup.placed(fit_frame(points, there) * setup.instrument.pose)
 
 
 def _together(each: Mapping[str, Setup]) -> Setup:
     """Return the setup of the first of several campaigns, which knows where the instrument stood in all of them."""
     setup, frames = next(iter(each.values())), dict[str, Array]()
-    for name, one in each.items():
-        frames[name] = motion_of(one.instrument.pose * setup.instrument.pose.inverse())
-        frames |= one.instrument.sessions
+    for name, placed in each.items():
+        frames[name] = motion_of(placed.instrument.pose * setup.instrument.pose.inverse())
+        frames |= placed.instrument.sessions
     return replace(setup, instrument=replace(setup.instrument, sessions=frames, campaigns=tuple(each)))
 
 
@@ -121,14 +121,14 @@ def _mounted(setup: Setup, tip: Array, measurements: Measurements, rows: np.ndar
     axes = instrument.session_turns(sessions.tolist()) @ instrument.axes(tip[read])
     several = bool(instrument.campaigns) and not setup.arm.prior.session_target
     names = [instrument.campaign(name) if several else name for name in sessions.tolist()]
-    own = {name: np.array(names) == name for name in dict.fromkeys(names)}
-    here = next(iter(own.values())) if several else np.ones(len(names), dtype=bool)  # about the first of them
-    found = replace(instrument, mounting=fit_mounting(axes[here], turned[here]))
+    of_name = {name: np.array(names) == name for name in dict.fromkeys(names)}
+    here = next(iter(of_name.values())) if several else np.ones(len(names), dtype=bool)  # about the first of them
+    mounted = replace(instrument, mounting=fit_mounting(axes[here], turned[here]))
     if not several and not setup.arm.prior.session_target:
-        return found
-    back = pin.exp3(found.mounting).T
-    each = {name: pin.exp3(fit_mounting(axes[some], turned[some])) @ back for name, some in own.items()}
-    return replace(found, targets={name: np.array([0.0, 0.0, 0.0, *pin.log3(turn)]) for name, turn in each.items()})
+        return mounted
+    back = pin.exp3(mounted.mounting).T
+    each = {name: pin.exp3(fit_mounting(axes[place], turned[place])) @ back for name, place in of_name.items()}
+    return replace(mounted, targets={name: np.array([0.0, 0.0, 0.0, *pin.log3(turn)]) for name, turn in each.items()})
 
 
 def placed_rigidly(
@@ -149,15 +149,15 @@ def placed_rigidly(
     seen, sessions = measurements.position[rows], np.array([measurements.session[row] for row in rows])
     if axes is not None and setup.arm.prior.tool:
         names = list(dict.fromkeys(sessions.tolist()))
-        groups = [own for own in (np.flatnonzero(sessions == name) for name in names) if len(own) >= FEWEST_ROWS]
+        groups = [group for group in (np.flatnonzero(sessions == name) for name in names) if len(group) >= FEWEST_ROWS]
         points = points + axes @ _target_off(points, axes, seen, groups, setup.arm.prior.tool)
     fits: dict[str, tuple[pin.SE3, float]] = {}
     for name in dict.fromkeys(sessions.tolist()):
-        own = points[sessions == name]
-        if len(own) < FEWEST_ROWS:
+        standing = points[sessions == name]
+        if len(standing) < FEWEST_ROWS:
             continue
-        turn, shift, rms = rigid_fit(own, seen[sessions == name])
-        if (_turns(own, max(rms, RESOLUTION)).S > 1.0).all():
+        turn, shift, rms = rigid_fit(standing, seen[sessions == name])
+        if (_turns(standing, max(rms, RESOLUTION)).S > 1.0).all():
             fits[name] = pin.SE3(turn, shift), rms
     near = np.ones(len(rows), bool)
     if len(fits) > 1:
@@ -188,16 +188,16 @@ def _target_off(points: Array, axes: Array, seen: Array, groups: Sequence[np.nda
     target, first = np.zeros(3), np.inf
     for number in range(ROUNDS):
         information, gradient, squares, count = np.zeros((3, 3)), np.zeros(3), 0.0, 0.0
-        for own in groups:
-            here = points[own] + axes[own] @ target
-            turn, shift, _ = rigid_fit(here, seen[own])
+        for group in groups:
+            here = points[group] + axes[group] @ target
+            turn, shift, _ = rigid_fit(here, seen[group])
             there = here @ turn.T
-            left = seen[own] - there - shift
+            left = seen[group] - there - shift
             length = np.linalg.norm(left, axis=1)
             limit = 2.0 * max(float(np.median(length)), RESOLUTION)
             weights = np.repeat(np.minimum(1.0, limit / np.maximum(length, RESOLUTION)), 3)
             frame = np.linalg.qr(weights[:, None] * rigid_motion(there).reshape(-1, 6))[0]
-            column, error = weights[:, None] * (turn @ axes[own]).reshape(-1, 3), weights * left.ravel()
+            column, error = weights[:, None] * (turn @ axes[group]).reshape(-1, 3), weights * left.ravel()
             column = column - frame @ (frame.T @ column)
             information, gradient = information + column.T @ column, gradient + column.T @ error
             squares, count = squares + error @ error, count + len(error)
@@ -238,15 +238,15 @@ def check_length(arm: Arm, measurements: Measurements) -> None:
     if not touches or any(kind.unit == "m" for kind in measurements.readings.kinds if not isinstance(kind, Touch)):
         return
     for kind in touches:
-        known, sockets = sockets_of(arm.sensors[kind.name]), set(kind.sockets)
-        if sockets & ({*known.place} | {*known.radius}):
+        stated, sockets = sockets_of(arm.sensors[kind.name]), set(kind.sockets)
+        if sockets & ({*stated.place} | {*stated.radius}):
             return
     lengths = float(np.linalg.norm([joint.origin for joint in arm.robot.chain]))
     open_by = arm.prior.geometry / max(lengths, RESOLUTION)
     if open_by <= SCALE_KNOWN:
         return
     name = touches[0].name
-    ends = [one for one in dict.fromkeys(touches[0].sockets) if one][:2]
+    ends = [socket for socket in dict.fromkeys(touches[0].sockets) if socket][:2]
     pair = f'[["{ends[0]}", "{ends[-1]}", 0.05]]' if len(ends) > 1 else '[["one", "other", 0.05]]'
     text = f"nothing in this campaign carries a length: [instrument.{name}] touches sockets whose places and distances "
     text += f"are unknown, and [prior] geometry leaves the arm's scale open by {100.0 * open_by:.2g} %, so that an arm "
@@ -269,12 +269,12 @@ def check_enough(points: Array, sigma: Array) -> None:
         IdentifiabilityError: With rank, condition and names of what is left free.
     """
     turns = _turns(points, sigma[:, :, None])
-    known = turns.S >= 1.0
-    if not known.all():
-        free = (turns.Vh[~known] ** 2).sum(axis=0) > 0.1
+    determined = turns.S >= 1.0
+    if not determined.all():
+        free = (turns.Vh[~determined] ** 2).sum(axis=0) > 0.1
         names = [f"instrument {TWIST_NAMES[3 + axis]}" for axis in np.flatnonzero(free)]
-        alike = "are all alike" if not known.any() else "lie on one line"
+        alike = "are all alike" if not determined.any() else "lie on one line"
         jacobian = rigid_motion(points - points.mean(axis=0)) / sigma[:, :, None]
         condition = float(np.linalg.cond(jacobian.reshape(-1, 6)))
         text = f"{len(points)} measured points {alike}: they do not determine how the instrument stands"
-        raise IdentifiabilityError(text, 3 + int(known.sum()), condition, names)
+        raise IdentifiabilityError(text, 3 + int(determined.sum()), condition, names)

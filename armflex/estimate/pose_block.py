@@ -55,9 +55,9 @@ class PoseBlock(Block):
         """(k,) the size."""
         return np.full(len(self.parameters), self.std)
 
-    def resized(self, places: np.ndarray, values: Array, known: LinearGaussian) -> PoseBlock:
+    def resized(self, places: np.ndarray, values: Array, posterior: LinearGaussian) -> PoseBlock:
         """Return the block with the size that the twists of a fit have, itself where that is its own."""
-        std = float(np.sqrt((values[places] ** 2 + np.diag(known.covariance)[places]).mean()))
+        std = float(np.sqrt((values[places] ** 2 + np.diag(posterior.covariance)[places]).mean()))
         return self if abs(np.log(std / self.std)) <= EVEN else replace(self, std=std)
 
     def jacobian(self, view: View) -> Array:
@@ -67,8 +67,8 @@ class PoseBlock(Block):
     def columns(self, view: View) -> Array:
         """Return (M, d, k): every pose moves its own rows."""
         answer = view.to_twist(self.site)[:, :, TWIST_NAMES.index(self.axis)]
-        own = self.groups[view.rows][:, None] == np.arange(len(self.parameters))
-        return answer[:, :, None] * own[:, None, :]
+        member = self.groups[view.rows][:, None] == np.arange(len(self.parameters))
+        return answer[:, :, None] * member[:, None, :]
 
     def apply(self, setup: Setup, values: Array) -> Setup:
         """Return the setup with every pose's twist, which is taken out again before the arm is used."""

@@ -45,24 +45,24 @@ def certainty_of(fit: Fit, least: float = 1.0) -> Certainty:
     held out that would show that they scatter less.
     """
     kept = fit.declared.arm.certainty or Certainty((), np.zeros((0, 0)))
-    kept = kept.part([i for i, one in enumerate(kept.parameters) if one.group.kind not in FRAMES])
+    kept = kept.part([i for i, parameter in enumerate(kept.parameters) if parameter.group.kind not in FRAMES])
     columns = _jacobian(kept, fit.view) if kept.parameters else None
     columns = np.zeros((*fit.view.residual.shape, len(kept.parameters))) if columns is None else columns
     columns = (columns * (np.sqrt(fit.weights) / fit.view.sigma)[:, :, None]).reshape(fit.view.residual.size, -1)
-    random = tuple((one.site, one.axis, float(one.std)) for one in fit.blocks if isinstance(one, PoseBlock))
-    walks = tuple((one.site, one.axis, one.size) for one in fit.blocks if isinstance(one, Walk))
+    random = tuple((block.site, block.axis, float(block.std)) for block in fit.blocks if isinstance(block, PoseBlock))
+    walks = tuple((block.site, block.axis, block.size) for block in fit.blocks if isinstance(block, Walk))
     # Twists at every joint are what readings of a pose, and neighbouring poses, share.
     effect = design_effect(fit, columns, kept.covariance, least) if len(random) < 2 else 1.0
     noise = effect * max(fit.noise, least) ** 2
-    known = LinearGaussian(fit.information / noise).with_precision(fit.precision)
-    follows = np.vstack([np.eye(len(kept.parameters)), -known.covariance @ (fit.regressors.T @ columns) / noise])
+    posterior = LinearGaussian(fit.information / noise).with_precision(fit.precision)
+    follows = np.vstack([np.eye(len(kept.parameters)), -posterior.covariance @ (fit.regressors.T @ columns) / noise])
     covariance = follows @ kept.covariance @ follows.T
-    covariance[len(kept.parameters) :, len(kept.parameters) :] += known.covariance
-    directions = np.pad(known.null_space, ((0, 0), (len(kept.parameters), 0)))
+    covariance[len(kept.parameters) :, len(kept.parameters) :] += posterior.covariance
+    directions = np.pad(posterior.null_space, ((0, 0), (len(kept.parameters), 0)))
     directions = directions if kept.directions is None else np.vstack([kept.directions @ follows.T, directions])
     every = (*kept.parameters, *parameters_of(fit.blocks))
     whole = Certainty(every, covariance, (random or kept.unexplained) + walks, directions, fit.misfit, effect)
-    places = [i for i, one in enumerate(every) if one.group.kind is not ParameterKind.UNEXPLAINED]
+    places = [i for i, parameter in enumerate(every) if parameter.group.kind is not ParameterKind.UNEXPLAINED]
     return whole.part(sorted(places, key=lambda i: every[i].group.kind is ParameterKind.EFFECT))
 
 
@@ -117,7 +117,7 @@ def displacement_covariance(arm: Arm, rows: Rows, relative: bool = False) -> tup
     if jacobian is None:
         return None, (OTHER_PARAMETERS,)
     groups = [parameter.group for parameter in arm.certainty.parameters]
-    counted = [one.moves or (relative and one.kind in STANDS) for one in groups]
+    counted = [group.moves or (relative and group.kind in STANDS) for group in groups]
     turn = np.kron(np.eye(2), stands.pose.rotation.T)  # to base axes
     jacobian = np.einsum("de,nep->ndp", turn, np.where(counted, jacobian, 0.0))
     covariance = np.einsum("ndp,pq,neq->nde", jacobian, arm.certainty.covariance, jacobian, optimize=True)
@@ -133,7 +133,7 @@ def displacement_covariance(arm: Arm, rows: Rows, relative: bool = False) -> tup
     return covariance, (*flags, *_lacking(arm.certainty))
 
 
-def placing_variance(arm: Arm, rows: Rows, some: np.ndarray, along: Array) -> float:
+def placing_variance(arm: Arm, rows: Rows, chosen: np.ndarray, along: Array) -> float:
     """Return the variance of the mean of displacements [m^2] that is due to where base and target stand.
 
     A displacement is from where a rigid arm has the target to where it was read. The frame of an instrument that was
@@ -143,25 +143,25 @@ def placing_variance(arm: Arm, rows: Rows, some: np.ndarray, along: Array) -> fl
     Args:
         arm: The arm; uncalibrated, its [prior] says how well its target is known.
         rows: All rows in the order driven.
-        some: (M,) numbers of those that the mean is over.
+        chosen: (M,) numbers of those that the mean is over.
         along: (M, 3) direction that displacements are counted along, in axes of the instrument, per length read.
     """
-    view = look(Setup(arm, arm.instrument or Instrument()), rows, some)
-    known, variance = arm.certainty, 0.0
+    view = look(Setup(arm, arm.instrument or Instrument()), rows, chosen)
+    certainty, variance = arm.certainty, 0.0
 
     def mean(columns: Array) -> Array:
         """Return the (k,) change of the mean per unit of (M, d, k) columns."""
-        return np.einsum("nd,ndk->k", along, columns[:, view.foremost]) / len(some)
+        return np.einsum("nd,ndk->k", along, columns[:, view.foremost]) / len(chosen)
 
-    if known is None:
+    if certainty is None:
         return float(((mean(view.by_target) * arm.prior.tool) ** 2).sum())
-    jacobian = _jacobian(known, view)
+    jacobian = _jacobian(certainty, view)
     if jacobian is not None:
-        seen = np.array([not parameter.group.moves for parameter in known.parameters])
+        seen = np.array([not parameter.group.moves for parameter in certainty.parameters])
         by = mean(np.where(seen, jacobian, 0.0))
-        if known.leaves_open(by[None]).any():
+        if certainty.leaves_open(by[None]).any():
             return np.inf
-        variance = float(by @ known.covariance @ by)
+        variance = float(by @ certainty.covariance @ by)
     sessions, prior = view.setup.instrument.sessions, arm.prior
     new = np.array([bool(sessions) and name not in sessions for name in view.sessions])
     std = np.repeat([prior.session_translation, prior.session_rotation], 3)
@@ -189,12 +189,12 @@ def _lacking(certainty: Certainty) -> tuple[Flag, ...]:
 
 def without_declared_uncertainty(arm: Arm) -> Arm:
     """Return the arm whose fitted compliances carry no declared uncertainty: the fit's covariance stands in for it."""
-    known = arm.certainty.groups if arm.certainty else ()
-    fitted = [fitted_group(flexure) in known for flexure in arm.flexures]
+    groups = arm.certainty.groups if arm.certainty else ()
+    fitted = [fitted_group(flexure) in groups for flexure in arm.flexures]
     if not any(fitted):
         return arm
     pairs = zip(arm.flexures, fitted, strict=True)
-    return replace(arm, flexures=tuple(replace(f, law=f.law.certain()) if own else f for f, own in pairs))
+    return replace(arm, flexures=tuple(replace(f, law=f.law.certain()) if is_fitted else f for f, is_fitted in pairs))
 
 
 def _unforeseen(arm: Arm, view: View) -> Array:
@@ -203,8 +203,8 @@ def _unforeseen(arm: Arm, view: View) -> Array:
     new = np.array([bool(sessions) and session not in sessions for session in view.sessions])
     std = np.repeat([prior.session_translation, prior.session_rotation], 3)
     if len(sessions) > 1:  # one in so many was off by what was found
-        frames = [np.array(one.values) for one in arm.effects if one.law.of_session]
-        std = np.sqrt(std**2 + sum((one**2 for one in frames), np.zeros(6)) / len(sessions))
+        frames = [np.array(effect.values) for effect in arm.effects if effect.law.of_session]
+        std = np.sqrt(std**2 + sum((frame**2 for frame in frames), np.zeros(6)) / len(sessions))
     assert arm.certainty is not None
     variance = ((view.by_session * std) ** 2).sum(axis=2) * new[:, None]
     anew = np.array([session not in view.setup.instrument.targets for session in view.sessions])
@@ -229,13 +229,15 @@ def _extrapolated(view: View) -> Array:
     A law goes on beyond the rows that showed it, a free shape may not. How much of it is doubtful grows with the
     distance, to all of it where that is as long as the range.
     """
-    found, row = [np.zeros((0, *view.residual.shape))], view.line.row
+    extra, row = [np.zeros((0, *view.residual.shape))], view.line.row
     for effect in view.arm.effects:
-        beyond = [np.clip(excess(row, *one), 0.0, 1.0) for one in effect.ranges if not effect.law.physical]
+        beyond = [
+            np.clip(excess(row, *seen_range), 0.0, 1.0) for seen_range in effect.ranges if not effect.law.physical
+        ]
         if beyond and np.any(beyond):
             motion = view.effect_jacobian(effect, view.context) @ effect.acting
-            found.append((np.max(beyond, axis=0)[:, None] * motion)[None])
-    return np.concatenate(found)
+            extra.append((np.max(beyond, axis=0)[:, None] * motion)[None])
+    return np.concatenate(extra)
 
 
 def _jacobian(certainty: Certainty, view: View) -> Array | None:

@@ -57,10 +57,10 @@ def whitened_regressors(blocks: Sequence[Block], view: View, weights: Array) -> 
     pieces = in_pieces(np.arange(len(scale)), ROWS_AT_ONCE)
     local = [(block, place) for block, place in placed if block.by_row or len(pieces) < 2]
 
-    def fill(some: np.ndarray) -> None:
-        part = view if len(pieces) == 1 else view.some(some)
+    def fill(piece: np.ndarray) -> None:
+        part = view if len(pieces) == 1 else view.some(piece)
         for block, place in local:
-            np.multiply(block.jacobian(part), scale[some, :, None], out=regressors[some[0] : some[-1] + 1, :, place])
+            np.multiply(block.jacobian(part), scale[piece, :, None], out=regressors[piece[0] : piece[-1] + 1, :, place])
 
     for _ in in_threads(fill, pieces):
         pass
@@ -97,24 +97,24 @@ def instrument_weights(view: View, limit: Array | float | None = None) -> Array:
 
 def huber_weights(view: View, limit: Array | float | None = None) -> Array:
     """Return the (M, d) weights of the numbers of the rows: the same for all that an instrument read in one look."""
-    found = np.ones(view.residual.shape)
+    huber = np.ones(view.residual.shape)
     for place, weights in zip(view.readings.groups, _weights(view, limit, True), strict=True):
-        found[:, place] = np.repeat(weights, (place.stop - place.start) // weights.shape[1], axis=1)
-    return found
+        huber[:, place] = np.repeat(weights, (place.stop - place.start) // weights.shape[1], axis=1)
+    return huber
 
 
 def _weights(view: View, limit: Array | float | None, apart: bool) -> Iterator[Array]:
     """Yield of every instrument the (M, k) weights of what it read; see `_lengths`."""
     limits = np.broadcast_to(robust_limit(view) if limit is None else limit, len(view.readings.groups))
-    for one, (length, expected, _) in zip(limits, _lengths(view, outlier_limit, apart), strict=True):
-        yield 1.0 / np.maximum(length / (one * expected), 1.0)
+    for bound, (length, expected, _) in zip(limits, _lengths(view, outlier_limit, apart), strict=True):
+        yield 1.0 / np.maximum(length / (bound * expected), 1.0)
 
 
 def objective(view: View, values: Array, prior: Array, limit: Array | float) -> float:
     """Return the Huber cost plus the prior's, both as -2 log density."""
     cost, limits = ((values / prior) ** 2).sum(), np.broadcast_to(limit, len(view.readings.groups))
-    for one, (length, expected, _) in zip(limits, _lengths(view, outlier_limit, True), strict=True):
-        far = one * expected
+    for bound, (length, expected, _) in zip(limits, _lengths(view, outlier_limit, True), strict=True):
+        far = bound * expected
         cost += np.where(length > far, 2.0 * far * np.where(length > far, length, 0.0) - far**2, length**2).sum()
     return float(cost)
 
@@ -127,10 +127,10 @@ def _lengths(
 
     k is 1, or where `apart` is asked for, how many of its numbers may be outliers each without the others.
     """
-    own = {place.start: kind.apart for kind, place in view.readings.placed}
+    apart_in = {place.start: kind.apart for kind, place in view.readings.placed}
     for place in view.readings.groups:
         size = place.stop - place.start
-        size = own[place.start] or size if apart else size
+        size = apart_in[place.start] or size if apart else size
         read = np.isfinite(view.sigma[:, place]).reshape(len(view.sigma), -1, size)
         sizes, back = np.unique(read.sum(axis=2), return_inverse=True)
         expected = np.array([length(max(size, 1)) for size in sizes.tolist()])[back].reshape(read.shape[:2])

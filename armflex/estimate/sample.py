@@ -48,14 +48,14 @@ class LawSamples:
 
 
 def sample_laws(
-    found: Fit, draws: int = 250, seed: int = 0, progress: Progress | None = None, chains: int = 4
+    fit: Fit, draws: int = 250, seed: int = 0, progress: Progress | None = None, chains: int = 4
 ) -> LawSamples:
     """Return draws from the posterior of the learned laws of a fit, by NUTS in coordinates whitened by Laplace's.
 
     Where neither readings nor a prior determine a combination of other parameters, it stays where it was fitted.
 
     Args:
-        found: A fit with learned laws.
+        fit: A fit with learned laws.
         draws: Of each chain, after as many in which it finds its step.
         seed: The same seed gives the same draws.
         progress: Called with (chains done, in all).
@@ -69,24 +69,24 @@ def sample_laws(
 
     if draws < FEWEST_DRAWS:
         raise InputError(f"{draws} draws: expected {FEWEST_DRAWS} or more of each chain, or they cannot be judged")
-    blocks = [block for block in found.blocks if isinstance(block, LawBlock)]
+    blocks = [block for block in fit.blocks if isinstance(block, LawBlock)]
     if not blocks:
         raise InputError("no flexure has learn = true: there is no law to sample")
-    block, laws, view = blocks[0], learned_laws(found.setup.arm), found.view
-    line, row, names, places = view.line, view.line.row, found.setup.arm.flexure_names, found.places(blocks[0])
-    noise, prior = max(found.noise, 1.0), found.prior
+    block, laws, view = blocks[0], learned_laws(fit.setup.arm), fit.view
+    line, row, names, places = view.line, view.line.row, fit.setup.arm.flexure_names, fit.places(blocks[0])
+    noise, prior = max(fit.noise, 1.0), fit.prior
 
     # Of every law the (n, 6) whitened answer of the readings to its twists, its (M, 6) loads, and itself.
-    weight = (np.sqrt(found.weights) / view.sigma)[:, :, None]
+    weight = (np.sqrt(fit.weights) / view.sigma)[:, :, None]
     seen = [
         (weight * view.answer(lambda line, i=i: line.laws[:, :, i]), line.flexure_wrenches[:, i], law)
         for i, law in ((names.index(name), law) for name, law in laws.items())
     ]
-    others = found.regressors.copy()
+    others = fit.regressors.copy()
     others[:, places] = 0.0
 
     # The (P, k) directions that are determined, each a standard deviation of Laplace's posterior long.
-    covariance = found.posterior.covariance
+    covariance = fit.posterior.covariance
     scale = np.sqrt(np.diag(covariance))
     unit = np.where(scale > 0.0, scale, 1.0)
     size, axes = np.linalg.eigh(covariance / np.outer(unit, unit))
@@ -95,32 +95,32 @@ def sample_laws(
 
     def density(steps: Array) -> tuple[float, Array]:
         """Return the log posterior density, but for a constant, (k,) steps from the fit, and its gradient."""
-        values = found.values + directions @ steps
-        moved, regressors = others @ (values - found.values), others.copy()
-        own = zip(seen, block.split(values[places]), block.split(places), strict=True)
-        for (answer, loads, law), part, here in own:
+        values = fit.values + directions @ steps
+        moved, regressors = others @ (values - fit.values), others.copy()
+        part_of_laws = zip(seen, block.split(values[places]), block.split(places), strict=True)
+        for (answer, loads, law), part, here in part_of_laws:
             there = law.at(part)
             moved += (answer @ (there.twist(loads, row) - law.twist(loads, row))[..., None]).ravel()
             regressors[:, here] = (answer @ there.by_values(loads, row)).reshape(len(regressors), -1)
-        residual = (found.residual - moved) / noise
+        residual = (fit.residual - moved) / noise
         pull = np.where(np.isfinite(prior), values / prior**2, 0.0)
         value = -0.5 * float(residual @ residual) - 0.5 * float(pull @ values)
         return value, directions.T @ (regressors.T @ residual / noise - pull)
 
     walks: list[Walk] = []
-    for one in np.random.SeedSequence(seed).spawn(chains):
-        walks.append(no_u_turn(density, np.zeros(determined.sum()), np.eye(determined.sum()), draws, draws, one))
+    for sequence in np.random.SeedSequence(seed).spawn(chains):
+        walks.append(no_u_turn(density, np.zeros(determined.sum()), np.eye(determined.sum()), draws, draws, sequence))
         if progress:
             progress(len(walks), chains)
-    every = (found.values + np.array([walk.draws for walk in walks]) @ directions.T)[:, :, places]
+    every = (fit.values + np.array([walk.draws for walk in walks]) @ directions.T)[:, :, places]
 
     # Judged by what the laws say at ten of the loads seen: values of networks may change places, answers not.
-    some, answers = np.linspace(0, len(view.rows) - 1, 10).astype(int), []
+    thinned, answers = np.linspace(0, len(view.rows) - 1, 10).astype(int), []
     for values in every.reshape(-1, len(places)):
         parts = zip(seen, block.split(values), strict=True)
-        twists = [law.at(own).twist(loads[some], row.some(some)) for (_, loads, law), own in parts]
+        twists = [law.at(part).twist(loads[thinned], row.some(thinned)) for (_, loads, law), part in parts]
         answers.append(np.concatenate([twist[:, twist.any(axis=0)].ravel() for twist in twists]))
     judged = np.array(answers).reshape(*every.shape[:2], -1)
     report = diagnose(judged, sum(walk.divergences for walk in walks), float(np.mean([w.acceptance for w in walks])))
-    own = block.split(every.reshape(-1, len(places)).T)
-    return LawSamples(laws, dict(zip(block.flexures, [part.T for part in own], strict=True)), report)
+    split = block.split(every.reshape(-1, len(places)).T)
+    return LawSamples(laws, dict(zip(block.flexures, [part.T for part in split], strict=True)), report)

@@ -53,23 +53,25 @@ def total_covariance(found: Deflection | DeflectionBatch, relative: bool = False
 
 
 def flagged_covariance(
-    found: Deflection | DeflectionBatch, relative: bool = False
+    deflection: Deflection | DeflectionBatch, relative: bool = False
 ) -> tuple[Array | None, tuple[Flag, ...]]:
     """Return `total_covariance` and the flags about it."""
-    arm, case = cast(Arm, found.arm), found.case
+    arm, case = cast(Arm, deflection.arm), deflection.case
     if arm.certainty is None:
-        return found.covariance, ()
+        return deflection.covariance, ()
     certain = without_declared_uncertainty(arm)
-    if isinstance(found, DeflectionBatch):
-        laws = replace(found, arm=certain).covariance
-        payloads = [_known_as(certain, certain.payload(found.payload(i))) for i in range(len(found.q))]
-        known = (case.covariates, laws, case.wrenches, relative)
-        covariance, flags = tip_covariance(certain, found.q, payloads, *known)
+    if isinstance(deflection, DeflectionBatch):
+        laws = replace(deflection, arm=certain).covariance
+        payloads = [_known_as(certain, certain.payload(deflection.payload(i))) for i in range(len(deflection.q))]
+        case_arguments = (case.covariates, laws, case.wrenches, relative)
+        covariance, flags = tip_covariance(certain, deflection.q, payloads, *case_arguments)
     else:
-        own = replace(found, solved=found.solved._replace(loaded=certain.loaded(found.payload))).covariance
-        laws, payloads = None if own is None else own[None], [_known_as(certain, found.payload)]
-        known = (case.covariates, laws, case.wrenches, relative)
-        covariance, flags = tip_covariance(certain, found.q[None], payloads, *known)
+        by_laws = replace(
+            deflection, solved=deflection.solved._replace(loaded=certain.loaded(deflection.payload))
+        ).covariance
+        laws, payloads = None if by_laws is None else by_laws[None], [_known_as(certain, deflection.payload)]
+        case_arguments = (case.covariates, laws, case.wrenches, relative)
+        covariance, flags = tip_covariance(certain, deflection.q[None], payloads, *case_arguments)
         covariance = None if covariance is None else covariance[0]
     return covariance, (*flags, AT_REST) if case.moves else flags
 
@@ -104,15 +106,15 @@ def tip_covariance(
     """
     if arm.certainty is None:
         return laws, ()
-    known = {name: np.broadcast_to(np.asarray(value, dtype=float), len(q)) for name, value in covariates.items()}
+    columns = {name: np.broadcast_to(np.asarray(value, dtype=float), len(q)) for name, value in covariates.items()}
     derived = tuple(dict.fromkeys(name for effect in arm.effects for name in effect.derived))
     parts, met = [np.zeros((0, 6, 6))], dict.fromkeys(REMEMBERED if remembers(arm) else ())
-    for some in (slice(first, first + ROWS_AT_ONCE) for first in range(0, len(q), ROWS_AT_ONCE)):
-        given = {name: values[some] for name, values in known.items()}
+    for chunk in (slice(first, first + ROWS_AT_ONCE) for first in range(0, len(q), ROWS_AT_ONCE)):
+        given = {name: values[chunk] for name, values in columns.items()}
         # A direction of 0 is unknown: of effects that derive it, the joint came from either side.
-        carried = cast(Sequence[str], payloads[some])  # one without a name may stand for itself here
-        rows = Rows.of(arm.joint_names, q[some], carried, {"time": 0.0} | given, derived=derived)
-        pulled = wrenches_in(wrenches, np.arange(len(q))[some])
+        carried = cast(Sequence[str], payloads[chunk])  # one without a name may stand for itself here
+        rows = Rows.of(arm.joint_names, q[chunk], carried, {"time": 0.0} | given, derived=derived)
+        pulled = wrenches_in(wrenches, np.arange(len(q))[chunk])
         part, flags = displacement_covariance(arm, replace(rows, wrenches=pulled), relative)
         if part is None:
             return laws, flags

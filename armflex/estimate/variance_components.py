@@ -189,9 +189,9 @@ class Components:
         inside = inner.T @ product - product.T @ (self.spread[at, None] * self._solve(self.spread[at, None] * product))
         # P y times what noise would be: its cross products with the others are those with the residual.
         by_noise = inner.T @ (self.scaled / self.spread[at])
-        own = 0.5 * inside / variance
+        shares = 0.5 * inside / variance
         cross = 0.5 * by_noise / variance
-        return own - np.outer(cross, cross) / (0.5 * self.model.freedom)
+        return shares - np.outer(cross, cross) / (0.5 * self.model.freedom)
 
     def without_idle(self) -> Components:
         """Return the same without components on whose way to zero nothing is lost, one after the other.
@@ -218,6 +218,6 @@ class Components:
     @cached_property
     def amplitudes(self) -> Array:
         """(K,) most probable amplitudes."""
-        found = np.zeros(len(self.spread))
-        found[self.columns] = self.spread[self.columns] * self.scaled
-        return found
+        sizes = np.zeros(len(self.spread))
+        sizes[self.columns] = self.spread[self.columns] * self.scaled
+        return sizes

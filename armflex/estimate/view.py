@@ -78,9 +78,9 @@ class View:
         if len(self.rows) < len(self.driven):
             return look(self.setup, self.driven, readings=Readings(len(self.driven))).context
         wrenches = {site: self.line.load_at(site) for site in self.line.sites}
-        known = known_rows(self.arm, self.driven, gravity_in(self.setup, self.sessions))
+        columns = known_rows(self.arm, self.driven, gravity_in(self.setup, self.sessions))
         stars = any(sensor.kind.far for sensor in self.arm.sensors.values())
-        return survey(self.driven, self.arm, known, wrenches, self.line.links[:, :, :3, 3], stars)
+        return survey(self.driven, self.arm, columns, wrenches, self.line.links[:, :, :3, 3], stars)
 
     @property
     def sigma(self) -> Array:
@@ -148,12 +148,12 @@ class View:
     @property
     def by_gravity(self) -> Array:
         """(M, d, 3) changes of the readings per gravity in base axes, to which the arm gives [per m/s^2]."""
-        found = self.answer(lambda line: line.gravity) + self.readings.stacked(lambda kind: kind.by_gravity(self.at))
+        change = self.answer(lambda line: line.gravity) + self.readings.stacked(lambda kind: kind.by_gravity(self.at))
         robot, size = self.arm.robot, QUOTIENT_STEP * STANDARD_GRAVITY
         for i, axis in enumerate(np.eye(3) if self.indirect else ()):
             heavier = replace(self.arm, robot=replace(robot, gravity=robot.gravity + size * axis))
-            found[:, :, i] += self.quotient(replace(self.setup, arm=heavier), size)
-        return found
+            change[:, :, i] += self.quotient(replace(self.setup, arm=heavier), size)
+        return change
 
     @property
     def by_shift(self) -> Array:
@@ -177,11 +177,11 @@ class View:
 
     def by_sensor(self, name: str, key: str = "") -> Array:
         """Return (M, d, K) changes of the readings per nuisance of a sensor, in their units; see `Kind.by_key`."""
-        found = np.zeros((*self.residual.shape, len(self.arm.sensors[name].std)))
+        columns = np.zeros((*self.residual.shape, len(self.arm.sensors[name].std)))
         for kind, place in self.readings.placed:
             if kind.name == name:
-                found[:, place] = kind.by_key(self.at, key)
-        return found
+                columns[:, place] = kind.by_key(self.at, key)
+        return columns
 
     @property
     def arm(self) -> Arm:
@@ -196,10 +196,14 @@ class View:
         """Return the (M, 4, 4) pose of a link in the base [m]."""
         return self.line.links[:, self.line.link_names.index(link)]
 
-    def gravity(self, own: Array) -> Array:
+    def gravity(self, vectors: Array) -> Array:
         """Return (M, k, 3) what (k, 3) gravities of the arm are in the base axes of each row [m/s^2]."""
         turns = self.falls
-        return np.broadcast_to(own, (len(self.rows), *own.shape)) if turns is None else own @ turns.swapaxes(1, 2)
+        return (
+            np.broadcast_to(vectors, (len(self.rows), *vectors.shape))
+            if turns is None
+            else vectors @ turns.swapaxes(1, 2)
+        )
 
     @cached_property
     def falls(self) -> Array | None:
@@ -224,13 +228,13 @@ class View:
 
         The sum of their squares is the variance of what no other day is known to have.
         """
-        found = [np.zeros((0, *self.residual.shape))]
+        motions = [np.zeros((0, *self.residual.shape))]
         for effect in self.arm.effects:
             if len(effect.moments) > 1:
-                twists = np.array([effect.acting @ one for one in effect.each(self, self.context)])
+                twists = np.array([effect.acting @ change for change in effect.each(self, self.context)])
                 twists = (twists - twists.mean(axis=0)) / np.sqrt(len(twists))
-                found.append((self.per(effect.law, effect.location) @ twists[..., None])[..., 0])
-        return np.concatenate(found)
+                motions.append((self.per(effect.law, effect.location) @ twists[..., None])[..., 0])
+        return np.concatenate(motions)
 
     def per(self, law: EffectLaw, location: Location) -> Array:
         """Return (M, d, n) changes of the readings per unit of the features that a law has at a location."""
@@ -239,7 +243,7 @@ class View:
         if law.act is Act.LOAD:
             return self.to_load(link_of(location.site, self.arm.robot))
         if law.act is Act.TENSION:
-            return self.to_tension(next(one for one in self.arm.springs if one.name == location.site))
+            return self.to_tension(next(spring for spring in self.arm.springs if spring.name == location.site))
         if law.act is Act.GRAVITY:
             return self.by_gravity
         if law.act is Act.SIGHT:
@@ -248,12 +252,12 @@ class View:
 
     def answer(self, motion: Callable[[Response], Array]) -> Array:
         """Return (M, d, k) changes of the readings for what of a response is a (M, 6, k) motion [m, rad]."""
-        found = None
+        columns = None
         for place, link, seen in self.seen:
-            own = seen @ motion(self.line.of(link))
-            found = np.zeros((*self.residual.shape, own.shape[2])) if found is None else found
-            found[:, place] += own
-        return np.zeros((*self.residual.shape, motion(self.line).shape[2])) if found is None else found
+            part = seen @ motion(self.line.of(link))
+            columns = np.zeros((*self.residual.shape, part.shape[2])) if columns is None else columns
+            columns[:, place] += part
+        return np.zeros((*self.residual.shape, motion(self.line).shape[2])) if columns is None else columns
 
     @cached_property
     def seen(self) -> tuple[tuple[slice, str | None, Array], ...]:
@@ -266,31 +270,33 @@ class View:
     def indirect(self) -> tuple[tuple[Kind, slice, np.ndarray], ...]:
         """Kinds that answer to more than motions of links, where their numbers stand, and the (m,) rows they read."""
         placed = ((kind, place) for kind, place in self.readings.placed if not kind.by_motion)
-        found = ((kind, place, np.flatnonzero(np.isfinite(kind.sigma).any(axis=1))) for kind, place in placed)
-        return tuple(one for one in found if len(one[2]))
+        asked = ((kind, place, np.flatnonzero(np.isfinite(kind.sigma).any(axis=1))) for kind, place in placed)
+        return tuple(triple for triple in asked if len(triple[2]))
 
     def quotient(self, after: Setup, size: float) -> Array:
         """Return (M, d) what `indirect` kinds read at another setup less at this, over a size; zero for other kinds.
 
         Loads and frequencies follow from the equilibrium as a whole, so they are asked of the other setup.
         """
-        found = np.zeros(self.residual.shape)
+        change = np.zeros(self.residual.shape)
         if not self.indirect:
-            return found
-        some = np.unique(np.concatenate([rows for *_, rows in self.indirect]))
-        driven = self.rows[some]
+            return change
+        touched = np.unique(np.concatenate([rows for *_, rows in self.indirect]))
+        driven = self.rows[touched]
         at = postures(after, solved(after, self.driven, driven), self.driven, driven)
         for kind, place, rows in self.indirect:
-            own, among = kind.some(rows), np.searchsorted(some, rows)
-            found[rows, place] = (own.predicted(at.some(among)) - (own.values - self.residual[rows, place])) / size
-        return found
+            touching, among = kind.some(rows), np.searchsorted(touched, rows)
+            change[rows, place] = (
+                touching.predicted(at.some(among)) - (touching.values - self.residual[rows, place])
+            ) / size
+        return change
 
-    def quotients(self, known: object, setups: Iterable[tuple[Setup, float]]) -> Array:
+    def quotients(self, key: object, setups: Iterable[tuple[Setup, float]]) -> Array:
         """Return (M, d, k) the `quotient` of every setup and size, kept for whoever asks by the same object."""
-        if id(known) not in self._quotients:
-            found = [self.quotient(*one) for one in setups]
-            self._quotients[id(known)] = known, np.stack(found, axis=2)
-        return self._quotients[id(known)][1]
+        if id(key) not in self._quotients:
+            changes = [self.quotient(*setup) for setup in setups]
+            self._quotients[id(key)] = key, np.stack(changes, axis=2)
+        return self._quotients[id(key)][1]
 
     @cached_property
     def _quotients(self) -> dict[int, tuple[object, Array]]:
@@ -305,9 +311,9 @@ class View:
             law, location, inner: The effect.
             features: (M, k, n) what the law adds in the rows per unit, from which the step is chosen.
         """
-        found, small = np.zeros((*self.residual.shape, features.shape[1])), QUOTIENT_STEP * self.largest_motion
+        columns, small = np.zeros((*self.residual.shape, features.shape[1])), QUOTIENT_STEP * self.largest_motion
         if not self.indirect or not (law.loaded or law.act in (Act.LOAD, Act.TENSION)):
-            return found
+            return columns
         read = Readings(len(self.rows), (Position.unread(len(self.rows)),))
         at_tip = replace(self, readings=read, residual=np.zeros((len(self.rows), 3)))
         moved = at_tip.per(law, location) @ features.transpose(0, 2, 1)
@@ -320,15 +326,15 @@ class View:
             amplitudes[term] = size
             effect = Effect(law, location, (*amplitudes.tolist(), *inner))
             with suppress(ArmflexError):  # no tangent to swing about at a kink: frequencies say nothing of it
-                found[:, :, column] = self.quotient(self.setup.with_effect(effect), size)
-        return found
+                columns[:, :, column] = self.quotient(self.setup.with_effect(effect), size)
+        return columns
 
     def to_twist(self, site: str) -> Array:
         """Return (M, d, 6) changes of the readings per twist added to what a site gives [m, rad]."""
         if site not in self._to_twist:
             place = site_of(site, self.setup.arm.robot)
-            known = [i for i, flexure in enumerate(self.setup.arm.modelled) if same_site(flexure.site, place)]
-            self._to_twist[site] = self.answer(lambda line: line.laws[:, :, known[-1]] if known else line.site(site))
+            places = [i for i, flexure in enumerate(self.setup.arm.modelled) if same_site(flexure.site, place)]
+            self._to_twist[site] = self.answer(lambda line: line.laws[:, :, places[-1]] if places else line.site(site))
         return self._to_twist[site]
 
     def at_random(self, twists: Sequence[tuple[str, str, float]]) -> Array:
@@ -337,8 +343,8 @@ class View:
         Args:
             twists: Site, axis and standard deviation [m or rad] of each.
         """
-        found = [size * self.to_twist(site)[:, :, TWIST_NAMES.index(axis)] for site, axis, size in twists]
-        return np.array(found).reshape(-1, *self.residual.shape)
+        motions = [size * self.to_twist(site)[:, :, TWIST_NAMES.index(axis)] for site, axis, size in twists]
+        return np.array(motions).reshape(-1, *self.residual.shape)
 
     @cached_property
     def _to_twist(self) -> dict[str, Array]:
@@ -356,11 +362,11 @@ class View:
         starts = [self._at(*end) for end in spring.ends]
         way = starts[1] - starts[0]
         pull: Array = way / np.linalg.norm(way, axis=1, keepdims=True)
-        found: Array = np.zeros((*self.residual.shape, 1))
+        column: Array = np.zeros((*self.residual.shape, 1))
         for (link, _), start, force in zip(spring.ends, starts, (pull, -pull), strict=True):
             moment = np.cross(start - self.pose_of(link)[:, :3, 3], force)
-            found += self.to_load(link) @ np.concatenate([force, moment], axis=1)[:, :, None]
-        return found
+            column += self.to_load(link) @ np.concatenate([force, moment], axis=1)[:, :, None]
+        return column
 
     def length_of(self, spring: Spring) -> Array:
         """Return the (M,) distance of a spring's ends [m]."""
@@ -380,7 +386,7 @@ class View:
 def look(
     setup: Setup,
     rows: Rows,
-    some: np.ndarray | None = None,
+    chosen: np.ndarray | None = None,
     readings: Readings | None = None,
     line: Response | None = None,
 ) -> View:
@@ -389,30 +395,30 @@ def look(
     Args:
         setup: Arm and instrument.
         rows: All rows in the order driven.
-        some: (M,) numbers of those looked at; all of them when not given.
+        chosen: (M,) numbers of those looked at; all of them when not given.
         readings: What was read in all rows, or would be; what the rows themselves have where it is not given.
         line: The linearised arm at those rows, where it is known.
     """
-    some = np.arange(len(rows)) if some is None else some
-    line = solved(setup, rows, some) if line is None else line
-    sessions = tuple(rows.session[row] for row in some)
+    chosen = np.arange(len(rows)) if chosen is None else chosen
+    line = solved(setup, rows, chosen) if line is None else line
+    sessions = tuple(rows.session[row] for row in chosen)
     if readings is None:
         readings = rows.readings if isinstance(rows, Measurements) else Readings(len(rows))
-    read, at = readings.some(some), postures(setup, line, rows, some)
-    return View(setup, rows, some, line, read, read.stacked(lambda kind: kind.residual(at)), sessions)
+    read, at = readings.some(chosen), postures(setup, line, rows, chosen)
+    return View(setup, rows, chosen, line, read, read.stacked(lambda kind: kind.residual(at)), sessions)
 
 
-def solved(setup: Setup, rows: Rows, some: np.ndarray, allow_large: bool = False) -> Response:
+def solved(setup: Setup, rows: Rows, chosen: np.ndarray, allow_large: bool = False) -> Response:
     """Return the linearised arm at (M,) of some rows, by their numbers in the order driven; see `respond`."""
     arm, gravity = setup.arm, gravity_in(setup, rows.session)
-    payloads = [rows.payload[row] for row in some]
-    known = {name: values[some] for name, values in known_rows(arm, rows, gravity).items()}
-    gravity = None if gravity is None else gravity[some]
-    wrenches = wrenches_in(rows.wrenches, some)
-    return respond(arm, rows.q[some], payloads, known, allow_large, wrenches, gravity)
+    payloads = [rows.payload[row] for row in chosen]
+    columns = {name: values[chosen] for name, values in known_rows(arm, rows, gravity).items()}
+    gravity = None if gravity is None else gravity[chosen]
+    wrenches = wrenches_in(rows.wrenches, chosen)
+    return respond(arm, rows.q[chosen], payloads, columns, allow_large, wrenches, gravity)
 
 
-def postures(setup: Setup, line: Response, rows: Rows, some: np.ndarray) -> Postures:
+def postures(setup: Setup, line: Response, rows: Rows, chosen: np.ndarray) -> Postures:
     """Return what instruments look at, of an arm that is solved in (M,) of some rows."""
     arm = setup.arm
 
@@ -420,19 +426,20 @@ def postures(setup: Setup, line: Response, rows: Rows, some: np.ndarray) -> Post
         return line.tip if link is None else line.links[:, line.link_names.index(link)]
 
     def swing(row: int) -> tuple[Array, Array]:
-        found = modes_of(line.equilibrium(row), MODES_MATCHED, DAMPING)
-        return found.frequencies, found.shapes / np.sqrt(found.masses)[:, None]
+        modes = modes_of(line.equilibrium(row), MODES_MATCHED, DAMPING)
+        return modes.frequencies, modes.shapes / np.sqrt(modes.masses)[:, None]
 
     def place(row: int) -> object:
-        return rows.places[some[row]] if rows.places else f"row {some[row]}"
+        return rows.places[chosen[row]] if rows.places else f"row {chosen[row]}"
 
     q, approach = (
-        {joint: values[:, i] for i, joint in enumerate(arm.joint_names)} for values in (line.row.q, rows.approach[some])
+        {joint: values[:, i] for i, joint in enumerate(arm.joint_names)}
+        for values in (line.row.q, rows.approach[chosen])
     )
-    sessions = tuple(rows.session[row] for row in some)
+    sessions = tuple(rows.session[row] for row in chosen)
     gravity = gravity_in(setup, sessions)
     gravity = arm.robot.gravity if gravity is None else gravity
-    bend = bending(arm.effects, line.row, len(some))
+    bend = bending(arm.effects, line.row, len(chosen))
     return Postures(
         pose, sessions, setup.instrument, arm.sensors, gravity, q, approach, line.load_at, swing, place, bend
     )
@@ -462,7 +469,7 @@ def unclear_shifts(setup: Setup, rows: Rows, readings: Readings) -> Array:
             sides.append(look(setup, replace(rows, approach=approach), some, readings=readings))
         if sides:  # of a link's motion, which is small: rotation vectors of what is read may differ by more than it
             for (place, link, before), (_, _, after) in zip(sides[0].seen, sides[1].seen, strict=True):
-                here, there = (one.line.of(link).tip for one in sides)
+                here, there = (side.line.of(link).tip for side in sides)
                 turns = [pin.log3(new @ old.T) for new, old in zip(there[:, :3, :3], here[:, :3, :3], strict=True)]
                 motion = np.concatenate([there[:, :3, 3] - here[:, :3, 3], np.array(turns)], axis=1)
                 shift[some, place] += 0.25 * ((before + after) @ motion[:, :, None])[:, :, 0]

@@ -274,7 +274,7 @@ def program(
         expected = "expected a letter, then up to 23 letters, digits and _, no word of a language"
         raise InputError(f"--name {name!r}: {expected}")
     slides = [joint.kind == "prismatic" for joint in arm.robot.moving]
-    units = [("mm", 1e3) if one else ("rad", 1.0) if language.radians else ("deg", 180.0 / np.pi) for one in slides]
+    units = [("mm", 1e3) if slide else ("rad", 1.0) if language.radians else ("deg", 180.0 / np.pi) for slide in slides]
     placed = _axes(arm, language, axes)
     called = "joint {} of movej" if language.called == "URScript" else "{}"
     comments = [f"{language.comment} {line}" for line in head]
@@ -360,18 +360,21 @@ def path_of(
         what = "Compensated before: the joints differ from the target_ columns" if path.is_moved else "Not compensated"
         return path, (notes,), (), _head(path, what, arm_file)
     path, flags = (path, ()) if table_path is None else path.under(read_force_table(table_path, arm), arm)
-    found = compensated(arm, path, covariates=covariates)
-    before, (after, sigma) = float(max(np.linalg.norm(row.before[:3]) for row in found.rows)), found.remains_m
-    relative = found.relative_sigma_m
-    known = "" if relative is None else f" ± {relative * 1e3:.2g}"
-    left = f"of {number(before * 1e3, 3)} mm at most {number(after * 1e3, 2)}{known} mm"
+    compensation = compensated(arm, path, covariates=covariates)
+    before, (after, sigma) = (
+        float(max(np.linalg.norm(row.before[:3]) for row in compensation.rows)),
+        compensation.remains_m,
+    )
+    relative = compensation.relative_sigma_m
+    plus_minus = "" if relative is None else f" ± {relative * 1e3:.2g}"
+    left = f"of {number(before * 1e3, 3)} mm at most {number(after * 1e3, 2)}{plus_minus} mm"
     if sigma is not None and sigma != relative:
         left += f" (± {sigma * 1e3:.2g} mm in the base frame, with where the base stands)"
     text = f"Compensated: {left} remain in the rows"
-    between = found.between_m or 0.0
+    between = compensation.between_m or 0.0
     notes = (f"{text}, {between * 1e3:.2g} mm halfway between.",)
     head = _head(path, f"Compensated{_conditions(arm, path, covariates or {})}", arm_file)
-    return found.trajectory, notes, (*flags, *found.flags), head
+    return compensation.trajectory, notes, (*flags, *compensation.flags), head
 
 
 def _conditions(arm: Arm, path: Trajectory, covariates: Mapping[str, float]) -> str:
@@ -385,7 +388,7 @@ def _conditions(arm: Arm, path: Trajectory, covariates: Mapping[str, float]) -> 
 
 def _head(path: Trajectory, what: str, arm_file: str) -> tuple[str, ...]:
     """Return the lines that a program begins with: what wrote it, from what, and for which loads."""
-    loads = [one.sizes for one in path.wrenches if not one.hangs]
+    loads = [wrench.sizes for wrench in path.wrenches if not wrench.hangs]
     force, moment = np.max(loads, axis=0, initial=0.0) if loads else (0.0, 0.0)
     pushed = f"loads from outside up to {force:.4g} N and {moment:.4g} Nm" if loads else "no load from outside"
     written = f"Written by armflex {__version__}" + (f" from {arm_file}" if arm_file else "")
@@ -397,34 +400,34 @@ def _axes(arm: Arm, language: Language, text: str) -> dict[str, int]:
     slides, every = [joint.kind == "prismatic" for joint in arm.robot.moving], (*language.robot, *language.external)
     if not language.external:
         require_six_turning(arm, f"{language.called}'s movej")
-    found: dict[str, int] = {}
+    places: dict[str, int] = {}
     if text:
         for part in text.split(","):
             axis, equals, joint = (piece.strip() for piece in part.partition("="))
             if not equals:
                 raise InputError(f"--axes: {part.strip()!r} is not of the form AXIS=JOINT")
-            for name, known, what in ((axis, every, f"axis of {language.called}"), (joint, arm.joint_names, "joint")):
-                if name not in known:
-                    raise UnknownNameError(what, name, known)
+            for name, names, what in ((axis, every, f"axis of {language.called}"), (joint, arm.joint_names, "joint")):
+                if name not in names:
+                    raise UnknownNameError(what, name, names)
             place = arm.joint_names.index(joint)
-            if axis in found or place in found.values():
-                raise InputError(f"--axes: {axis if axis in found else joint!r} is given twice")
+            if axis in places or place in places.values():
+                raise InputError(f"--axes: {axis if axis in places else joint!r} is given twice")
             if axis in language.robot and slides[place]:
                 raise InputError(f"--axes: {joint!r} slides, axes {every[0]} to {language.robot[-1]} turn")
-            found[axis] = place
-        left = [name for i, name in enumerate(arm.joint_names) if i not in found.values()]
+            places[axis] = place
+        left = [name for i, name in enumerate(arm.joint_names) if i not in places.values()]
         if left:
             raise InputError(f"--axes: no axis for {listing(left)}; every joint needs one")
     else:
         for axes, kind, sliding in ((language.robot, "turning", False), (language.external, "sliding", True)):
-            own = [i for i, one in enumerate(slides) if one == sliding]
-            if len(own) > len(axes):
-                beyond = listing(arm.joint_names[i] for i in own[len(axes) :])
+            joints = [i for i, slide in enumerate(slides) if slide == sliding]
+            if len(joints) > len(axes):
+                beyond = listing(arm.joint_names[i] for i in joints[len(axes) :])
                 has = f"{language.called} has {len(axes)} axes {axes[0]} to {axes[-1]} for {kind} joints"
                 more = "; --axes puts turning ones on external axes" if language.external and not sliding else ""
-                raise UnsupportedError(f"{has}, this arm has {len(own)}: no place for {beyond}{more}")
-            found |= dict(zip(axes, own, strict=False))
-    return {axis: found[axis] for axis in every if axis in found}
+                raise UnsupportedError(f"{has}, this arm has {len(joints)}: no place for {beyond}{more}")
+            places |= dict(zip(axes, joints, strict=False))
+    return {axis: places[axis] for axis in every if axis in places}
 
 
 def _blends(path: Trajectory) -> list[float]:
@@ -433,13 +436,13 @@ def _blends(path: Trajectory) -> list[float]:
     Raises:
         InputError: There are several columns of blends, or one is negative.
     """
-    known = {"blend": 1.0} | {f"blend_{unit}": factor for unit, factor in UNITS["length"].items()}
-    given = [name for name in path.covariates if name in known]
+    factors = {"blend": 1.0} | {f"blend_{unit}": factor for unit, factor in UNITS["length"].items()}
+    given = [name for name in path.covariates if name in factors]
     if len(given) > 1:
         raise InputError(f"{listing(given)} are the same column in several units; expected one")
     if not given:
         return [0.0] * len(path)
-    blends: Array = known[given[0]] * np.asarray(path.covariates[given[0]])
+    blends: Array = factors[given[0]] * np.asarray(path.covariates[given[0]])
     if (blends < 0.0).any():
         raise InputError(f"{given[0]} is negative at {path.time[int(np.argmin(blends))]:g} s")
     return [*blends[:-1].tolist(), 0.0]

@@ -69,7 +69,7 @@ def joint_frames(arm: Arm, zeros: bool) -> list[pin.SE3]:
     by the smallest rotation. With `zeros` the joints' offsets are in the poses, which then belong to what the
     controller reports; without, with positions to which the offsets have been added.
     """
-    found, here = [], pin.SE3.Identity()
+    frames, here = [], pin.SE3.Identity()
     for joint in arm.robot.chain:
         here = here * pin.SE3(joint.rotation, joint.origin) * arm.corrections.frame(joint)
         if joint.kind not in MOVING:
@@ -78,9 +78,9 @@ def joint_frames(arm: Arm, zeros: bool) -> list[pin.SE3]:
         size = float(np.linalg.norm(across))
         way = across / size if size else np.array([1.0, 0.0, 0.0])
         turned = pin.SE3(pin.exp3(float(np.arctan2(size, joint.axis[2])) * way), np.zeros(3))
-        found.append(here * (arm.corrections.zero(joint) if zeros else pin.SE3.Identity()) * turned)
+        frames.append(here * (arm.corrections.zero(joint) if zeros else pin.SE3.Identity()) * turned)
         here = turned.inverse()
-    return [*found, here]
+    return [*frames, here]
 
 
 def require_six_turning(arm: Arm, format_name: str) -> None:
@@ -113,13 +113,13 @@ def positions(arm: Arm, q: Array) -> Array:
         return q
     mechanics, linkage = replace(arm, flexures=(), effects=()).loaded(None).mechanics, arm.robot.linkage
     assert isinstance(mechanics, Mechanism)
-    found = np.full((len(q), len(arm.robot.swept)), np.nan)
-    for row, here in zip(found, q, strict=True):
+    rows = np.full((len(q), len(arm.robot.swept)), np.nan)
+    for row, here in zip(rows, q, strict=True):
         with suppress(ClosureError):
-            known = dict(zip(arm.joint_names, here, strict=True))
-            known |= dict(zip(linkage.free, mechanics.closed(here), strict=True))
-            row[:] = [known[joint.name] for joint in arm.robot.swept]
-    return found
+            position_of = dict(zip(arm.joint_names, here, strict=True))
+            position_of |= dict(zip(linkage.free, mechanics.closed(here), strict=True))
+            row[:] = [position_of[joint.name] for joint in arm.robot.swept]
+    return rows
 
 
 def configurations(arm: Arm) -> Array:
@@ -166,14 +166,14 @@ def measured_points(arm: Arm) -> dict[str, tuple[str, Array]]:
     They are what was measured: the target of the tip, and the balls and targets of instruments beside it. The tip is
     where it was declared, whatever was found of them.
     """
-    found: dict[str, tuple[str, Array]] = {}
+    points: dict[str, tuple[str, Array]] = {}
     if arm.instrument is not None and np.any(arm.instrument.target):
-        found["target"] = arm.robot.tip, arm.instrument.target
+        points["target"] = arm.robot.tip, arm.instrument.target
     for name, sensor in arm.sensors.items():
         place = sensor.of(POINT.name, [""])[0]
         if len(place) and sensor.found and np.any(place):
-            found[f"{name}_{POINT.name}"] = sensor.link, place
-    return found
+            points[f"{name}_{POINT.name}"] = sensor.link, place
+    return points
 
 
 def said_points(points: Mapping[str, tuple[str, Array]], carried: bool) -> tuple[str, ...]:
@@ -223,26 +223,26 @@ def left_out(arm: Arm, over: Measurements | None, points: bool = False) -> tuple
     else:
         whole, groups = arm, []
         with naming(Place(over.places[0].file, 1) if over.places else "rows"):
-            known = known_rows(arm, over)
+            columns = known_rows(arm, over)
         for name in dict.fromkeys(over.payload):
             mine = np.array([payload == name for payload in over.payload])
             pulled = wrenches_in(over.wrenches, np.flatnonzero(mine))
-            groups.append((name, over.q[mine], {key: values[mine] for key, values in known.items()}, pulled))
+            groups.append((name, over.q[mine], {key: values[mine] for key, values in columns.items()}, pulled))
         where = f"the {len(over)} rows given"
-    found = [_lost(whole, *group) for group in groups]
+    lost = [_lost(whole, *group) for group in groups]
     at_work = [effect.title for effect in whole.effects if not effect.law.changes_model]
     lines = [f"What this file leaves out (compliance, effects, loads) moves the tip, over {where}, by"]
-    for one in found:
-        buckled = f"; {one.unanswered} have no answer" if one.unanswered else ""
-        effects = f", {one.effects * 1e3:.3g} mm at most by effects" if at_work else ""
-        size = f"RMS {one.rms * 1e3:.3g} mm, at most {one.most * 1e3:.3g} mm{effects}"
-        lines.append(f"  payload {one.payload!r}: {size if one.rows else 'unknown'} ({one.rows} rows{buckled})")
+    for group in lost:
+        buckled = f"; {group.unanswered} have no answer" if group.unanswered else ""
+        effects = f", {group.effects * 1e3:.3g} mm at most by effects" if at_work else ""
+        size = f"RMS {group.rms * 1e3:.3g} mm, at most {group.most * 1e3:.3g} mm{effects}"
+        lines.append(f"  payload {group.payload!r}: {size if group.rows else 'unknown'} ({group.rows} rows{buckled})")
     if at_work:
         lines.append(f"  effects that are left out: {listing(at_work)}")
     if aside:
         names = listing(effect.title for effect in aside)
         lines.append(f"  not in these numbers, as they need recorded columns: {names}; --over ROWS.csv has them")
-    numbers = {"left_out": [vars(one) for one in found], "without": [effect.name for effect in aside], **opened}
+    numbers = {"left_out": [vars(group) for group in lost], "without": [effect.name for effect in aside], **opened}
     return (*lines, *unknown), numbers
 
 
@@ -250,9 +250,9 @@ def _loops_left_out(arm: Arm, q: Array) -> tuple[tuple[str, ...], dict[str, Any]
     """Return what a tree says of a mechanism over (N, nq) positions of its drives, in words and [m]."""
     linkage, ties = arm.robot.linkage, [*arm.robot.linkage.closures, *(spring.name for spring in arm.springs)]
     gone = (f"Loops, cylinders and springs are left out: {listing(ties)}.",) if ties else ()
-    zeros = [(one.name, arm.corrections.joint_offset.get(one.name, 0.0)) for one in linkage.cylinders]
-    if found := [f"{name} by {1e3 * zero:.3g} mm" for name, zero in zeros if zero]:
-        gone += (f"Cylinders are longer than their columns say: {listing(found)}. No joint of the tree has that.",)
+    zeros = [(cylinder.name, arm.corrections.joint_offset.get(cylinder.name, 0.0)) for cylinder in linkage.cylinders]
+    if longer := [f"{name} by {1e3 * zero:.3g} mm" for name, zero in zeros if zero]:
+        gone += (f"Cylinders are longer than their columns say: {listing(longer)}. No joint of the tree has that.",)
     free = [i for i, joint in enumerate(arm.robot.swept) if joint.name in linkage.free]
     if not free:
         return gone, {}
@@ -266,11 +266,11 @@ def _loops_left_out(arm: Arm, q: Array) -> tuple[tuple[str, ...], dict[str, Any]
     return (*gone, f"{text} at zero the tip is up to {most * 1e3:.3g} mm away."), {"loops_open_m": most}
 
 
-def _lost(arm: Arm, payload: str, q: Array, known: dict[str, Array], pulled: tuple[Wrench, ...]) -> Lost:
+def _lost(arm: Arm, payload: str, q: Array, columns: dict[str, Array], pulled: tuple[Wrench, ...]) -> Lost:
     """Return how far the arm is from its rigid self in (N, nq) rows of a payload with their (N,) columns and forces."""
     rigid = tips(arm, joint_frames(arm, zeros=True), positions(arm, q))[:, :3, 3]
-    tip = _answers(arm, payload, q, known, pulled)
-    plain = _answers(replace(arm, effects=()), payload, q, known, pulled) if arm.effects else tip
+    tip = _answers(arm, payload, q, columns, pulled)
+    plain = _answers(replace(arm, effects=()), payload, q, columns, pulled) if arm.effects else tip
     answered = np.isfinite(tip).all(axis=1) & np.isfinite(rigid).all(axis=1)
     away = np.linalg.norm(tip - rigid, axis=1)[answered]
     share = np.linalg.norm(tip - plain, axis=1)[answered & np.isfinite(plain).all(axis=1)]
@@ -280,17 +280,17 @@ def _lost(arm: Arm, payload: str, q: Array, known: dict[str, Array], pulled: tup
     )
 
 
-def _answers(arm: Arm, payload: str, q: Array, known: dict[str, Array], pulled: tuple[Wrench, ...]) -> Array:
+def _answers(arm: Arm, payload: str, q: Array, columns: dict[str, Array], pulled: tuple[Wrench, ...]) -> Array:
     """Return the (N, 3) place of the tip, NaN in rows that have no answer."""
     loaded: dict[str, Any] = {"payload": payload, "enforce_limits": False}
     try:
         rows: ManyRows = q
-        return arm.deflection(rows, covariates=known, wrenches=pulled, **loaded).pose[:, :3, 3]
+        return arm.deflection(rows, covariates=columns, wrenches=pulled, **loaded).pose[:, :3, 3]
     except tuple(NO_ANSWER.values()):
-        found = np.full((len(q), 3), np.nan)
+        tips = np.full((len(q), 3), np.nan)
     for i in range(len(q)):
         with suppress(*NO_ANSWER.values()):
-            given = {name: values[i] for name, values in known.items()}
-            own = wrenches_in(pulled, i)
-            found[i] = arm.deflection(q[i], covariates=given, wrenches=own, **loaded).pose.translation
-    return found
+            given = {name: values[i] for name, values in columns.items()}
+            wrenches = wrenches_in(pulled, i)
+            tips[i] = arm.deflection(q[i], covariates=given, wrenches=wrenches, **loaded).pose.translation
+    return tips

@@ -43,23 +43,27 @@ def export(
     """
     check_name(name)
     covariates = loads.pop("covariates", None)
-    found = calm(arm, read_trajectory(traj, arm, **loads), slower, covariates)  # pyright: ignore[reportArgumentType]
-    most = max((len(one.times) for one in found.motions), default=1)
-    rows = [[[*values, *[0.0] * (most - len(values))] for values in (one.times, one.sizes)] for one in found.motions]
-    said = [f"{one.via or 'motion ' + str(i)}: {one.shaper or 'none'}" for i, one in enumerate(found.motions)]
-    count, lengths = max(len(found.motions), 1), ", ".join(str(len(one.times)) for one in found.motions)
+    calmed = calm(arm, read_trajectory(traj, arm, **loads), slower, covariates)  # pyright: ignore[reportArgumentType]
+    most = max((len(motion.times) for motion in calmed.motions), default=1)
+    rows = [
+        [[*values, *[0.0] * (most - len(values))] for values in (motion.times, motion.sizes)]
+        for motion in calmed.motions
+    ]
+    said = [f"{motion.via or 'motion ' + str(i)}: {motion.shaper or 'none'}" for i, motion in enumerate(calmed.motions)]
+    count, lengths = max(len(calmed.motions), 1), ", ".join(str(len(motion.times)) for motion in calmed.motions)
     head = f"Input shapers of the motions in {traj.name} for {arm_file or arm!r}, from rest to rest."
+    speedups = [motion.speedup for motion in calmed.motions] or [1.0]
     text = "\n".join(
         [
             f"/* {c_comment(head)} */",
             *(f"/* {c_comment(line)} */" for line in said),
-            f"enum {{ {name}_motions = {len(found.motions)} }};",
+            f"enum {{ {name}_motions = {len(calmed.motions)} }};",
             f"const int {name}_impulses[{count}] = {{{lengths or '0'}}};",
-            f"const double {name}_speedups[{count}] = {c_number([one.speedup for one in found.motions] or [1.0])};",
+            f"const double {name}_speedups[{count}] = {c_number(speedups)};",
             f"const double {name}_times[{count}][{most}] = {c_number([row[0] for row in rows] or [[0.0]])}; /* s */",
             f"const double {name}_sizes[{count}][{most}] = {c_number([row[1] for row in rows] or [[0.0]])};",
             FUNCTION.replace("NAME", name),
         ]
     )
-    numbers = {"motions": found.motions}
-    return Exported(text, tuple(said), numbers, found.flags)
+    numbers = {"motions": calmed.motions}
+    return Exported(text, tuple(said), numbers, calmed.flags)

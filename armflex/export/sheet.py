@@ -124,28 +124,28 @@ def numbers(setup: Setup, splits: Sequence[Split]) -> dict[Key, float]:
     """
     arm = replace(setup.arm, corrections=Corrections(), effects=())  # nor effects that change its kinematics
     declared = _taken(replace(setup, arm=arm), splits)
-    found = _taken(setup, splits, declared)
+    taken = _taken(setup, splits, declared)
     for joint in setup.arm.robot.swept:
         if joint not in setup.arm.robot.moving:
             continue  # it stands where the loops put it, and has no reading
         sliding = joint.kind == "prismatic"
         for section in ("dh_standard", "dh_modified"):
-            own = Key(section, joint.name, "d", "m") if sliding else Key(section, joint.name, "theta", "rad")
-            error = found[own] - declared[own]
-            found[own] = declared[own]
+            position = Key(section, joint.name, "d", "m") if sliding else Key(section, joint.name, "theta", "rad")
+            error = taken[position] - declared[position]
+            taken[position] = declared[position]
             if section == "dh_standard":
-                zero = Key("joint_offset", joint.name, "offset", own.unit)
-                found[zero] += error if sliding else float(np.arctan2(np.sin(error), np.cos(error)))
-    return found
+                zero = Key("joint_offset", joint.name, "offset", position.unit)
+                taken[zero] += error if sliding else float(np.arctan2(np.sin(error), np.cos(error)))
+    return taken
 
 
 def _taken(setup: Setup, splits: Sequence[Split], like: Mapping[Key, float] | None = None) -> dict[Key, float]:
     """Return `numbers` as the poses between joints are taken apart; d of the first of parallel axes as in `like`."""
     arm = with_constants(setup.arm)
-    found: dict[Key, float] = {}
+    values: dict[Key, float] = {}
     for joint in arm.robot.moving:
         offset = arm.corrections.joint_offset.get(joint.name, 0.0)
-        found[Key("joint_offset", joint.name, "offset", "m" if joint.kind == "prismatic" else "rad")] = offset
+        values[Key("joint_offset", joint.name, "offset", "m" if joint.kind == "prismatic" else "rad")] = offset
     frames = joint_frames(arm, zeros=False)
     frames[0], *first = _based(arm, frames[0])
     ends = [np.array([0.0, 0.0, 0.0, 0.0, 0.0, *first])]
@@ -163,16 +163,16 @@ def _taken(setup: Setup, splits: Sequence[Split], like: Mapping[Key, float] | No
             for quantity, value in row.items():
                 angle = quantity not in ("d", "a")
                 turned = float(np.arctan2(np.sin(value), np.cos(value))) if angle else float(value)
-                found[Key(section, name, quantity, "rad" if angle else "m")] = turned + 0.0
+                values[Key(section, name, quantity, "rad" if angle else "m")] = turned + 0.0
     for section, frame in (("base", frames[0]), ("tool", frames[-1])):
-        found |= {Key(section, "", axis, "m"): float(x) for axis, x in zip("xyz", frame.translation, strict=True)}
+        values |= {Key(section, "", axis, "m"): float(x) for axis, x in zip("xyz", frame.translation, strict=True)}
         angles = zip(("roll", "pitch", "yaw"), pin.rpy.matrixToRpy(frame.rotation), strict=True)
-        found |= {Key(section, "", name, "rad"): float(x) for name, x in angles}
+        values |= {Key(section, "", name, "rad"): float(x) for name, x in angles}
     if setup.arm.instrument is not None:
-        found |= {
+        values |= {
             Key("target", "", axis, "m"): float(x) for axis, x in zip("xyz", setup.instrument.target, strict=True)
         }
-    return found | {key: 1.0 / compliance for key, (compliance, *_) in _compliances(arm).items()}
+    return values | {key: 1.0 / compliance for key, (compliance, *_) in _compliances(arm).items()}
 
 
 def _based(arm: Arm, pose: pin.SE3) -> tuple[pin.SE3, float, float]:
@@ -240,19 +240,19 @@ def uncertainties(
     arm: Arm, splits: Sequence[Split], values: Mapping[Key, float]
 ) -> tuple[dict[Key, float], tuple[str, ...]]:
     """Return the standard uncertainty of each number that has one, and warnings about them."""
-    known, found = arm.certainty.groups if arm.certainty else (), {}
-    declared = {flexure.name: flexure.law for flexure in arm.flexures if fitted_group(flexure) not in known}
+    fitted_groups, stds = arm.certainty.groups if arm.certainty else (), {}
+    declared = {flexure.name: flexure.law for flexure in arm.flexures if fitted_group(flexure) not in fitted_groups}
     for key, (compliance, axis) in _compliances(with_constants(arm)).items():
         law = declared.get(key.of)
         covariance = None if law is None else law.covariance(axis, Row(arm.robot.home, arm.joint_index))
         if covariance is not None:
-            found[key] = float(np.sqrt(axis @ covariance @ axis)) / compliance**2
+            stds[key] = float(np.sqrt(axis @ covariance @ axis)) / compliance**2
     if arm.certainty is None:
-        return found, ("Nothing was fitted to this arm: only declared uncertainties are given.",)
+        return stds, ("Nothing was fitted to this arm: only declared uncertainties are given.",)
     certainty, setup = arm.certainty, Setup(arm, arm.instrument or Instrument())
     blocks = blocks_of(certainty.parameters, setup)
     if blocks is None:
-        return found, (f"{OTHER_PARAMETERS}",)
+        return stds, (f"{OTHER_PARAMETERS}",)
     columns, size, place = [], np.sqrt(np.diag(certainty.covariance)), 0
     for block in blocks:
         for i, parameter in enumerate(block.parameters):
@@ -273,13 +273,17 @@ def uncertainties(
     fitted = {
         k: float(x) for k, x in zip(values, std, strict=True) if x > (RESOLUTION if k.unit in ("m", "rad") else 0)
     }
-    found |= fitted
+    stds |= fitted
     warnings = []
-    prior = np.array([arm.prior.of(one)[1] if one.group.moves else np.inf for one in certainty.parameters])
+    prior = np.array(
+        [arm.prior.of(parameter)[1] if parameter.group.moves else np.inf for parameter in certainty.parameters]
+    )
     before = np.sqrt(np.einsum("dp,p,dp->d", jacobian, np.where(np.isfinite(prior), prior, 0.0) ** 2, jacobian))
     of_arm = [k.section not in ("target", "stiffness") for k in values]
     same = [
-        k for k, x, y, own in zip(values, std, before, of_arm, strict=True) if own and x > AS_BEFORE * y > RESOLUTION
+        k
+        for k, x, y, of_this_arm in zip(values, std, before, of_arm, strict=True)
+        if of_this_arm and x > AS_BEFORE * y > RESOLUTION
     ]
     if same:
         names = (" ".join(filter(None, key[:3])) for key in same if key.section != "dh_modified")
@@ -287,11 +291,11 @@ def uncertainties(
         warnings.append(f"As uncertain as before the campaign, because {text}: {listing(names)}.")
     if certainty.undetermined:
         warnings.append(f"Neither campaign nor prior determines {listing(certainty.undetermined)}.")
-    if wide := [key for key, x in found.items() if key.unit == "rad" and key.section.startswith("dh") and x > LINEAR]:
+    if wide := [key for key, x in stds.items() if key.unit == "rad" and key.section.startswith("dh") and x > LINEAR]:
         names = listing(dict.fromkeys(f"{key.quantity} of {key.of}" for key in wide))
         text = "are known to no better than 0.1 rad, where the linear uncertainty is not valid"
         warnings.append(f"{names} {text}; what they do against each other cancels, so the arm is known better.")
-    return found, tuple(warnings)
+    return stds, tuple(warnings)
 
 
 def _compliances(arm: Arm) -> dict[Key, tuple[float, Array]]:
@@ -299,10 +303,14 @@ def _compliances(arm: Arm) -> dict[Key, tuple[float, Array]]:
 
     Effects that are compliances themselves, whatever else is known of a row, have their part in it.
     """
-    twists = [one for one in arm.effects if one.law.act is Act.TWIST and not one.law.changes_model]
-    linear = [one for one in twists if BoundTwist(one, resolve(one.location, arm.robot, arm.flexures)).proportional]
+    twists = [effect for effect in arm.effects if effect.law.act is Act.TWIST and not effect.law.changes_model]
+    linear = [
+        effect
+        for effect in twists
+        if BoundTwist(effect, resolve(effect.location, arm.robot, arm.flexures)).proportional
+    ]
     usable = tuple(effect for effect in linear if not needs_columns(arm, effect))
-    joints, found = {joint.name: joint for joint in arm.robot.moving}, {}
+    joints, compliances = {joint.name: joint for joint in arm.robot.moving}, {}
     for flexure in replace(arm, effects=usable).modelled:
         tangent = flexure.law.tangent(np.zeros(6), Row(arm.robot.home, arm.joint_index))
         axes = dict(zip(TWIST_NAMES, np.eye(6), strict=True))
@@ -314,8 +322,8 @@ def _compliances(arm: Arm) -> dict[Key, tuple[float, Array]]:
             compliance = float(axis @ tangent @ axis)
             if compliance > 0.0:
                 unit = "Nm/rad" if axis[3:].any() else "N/m"
-                found[Key("stiffness", flexure.name, name, unit)] = compliance, axis
-    return found
+                compliances[Key("stiffness", flexure.name, name, unit)] = compliance, axis
+    return compliances
 
 
 def _table(values: Mapping[Key, float], std: Mapping[Key, float]) -> str:
@@ -337,10 +345,10 @@ def _page(arm: Arm, values: Mapping[Key, float], std: Mapping[Key, float]) -> st
         columns.sort(key=lambda name: TWIST_NAMES.index(name) if name in TWIST_NAMES else -1)
         rows = [["", *columns, *(["the same"] if section == "joint_offset" else [])]]
         for of in dict.fromkeys(key.of for key in keys):
-            own = {key.quantity: key for key in keys if key.of == of}
-            rows.append([of, *(_cell(values, std, own.get(name), True) for name in columns)])
+            cells = {key.quantity: key for key in keys if key.of == of}
+            rows.append([of, *(_cell(values, std, cells.get(name), True) for name in columns)])
             if section == "joint_offset":
-                rows[-1].append(_cell(values, std, own[columns[0]], False))
+                rows[-1].append(_cell(values, std, cells[columns[0]], False))
         if keys:
             widths = [max(len(printable(row[i])) for row in rows) for i in range(len(rows[0]))]
             lines += ["", f"{section.replace('_', ' ')}: {note}"]
@@ -361,5 +369,5 @@ def _cell(values: Mapping[Key, float], std: Mapping[Key, float], key: Key | None
     )
     if key not in std:
         return f"{value} {unit}"
-    known = f"± {number(std[key] * scale, 2, 0.0)}" if np.isfinite(std[key]) else "undetermined"
-    return f"{value} {known} {unit}"
+    interval = f"± {number(std[key] * scale, 2, 0.0)}" if np.isfinite(std[key]) else "undetermined"
+    return f"{value} {interval} {unit}"

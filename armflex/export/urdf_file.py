@@ -65,12 +65,12 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
         origin = _child(inertial, "origin")
         nominal = whole.robot.urdf.links[name].inertial
         origin.set("xyz", _spaced(extra[1:] if nominal is None else nominal.origin + extra[1:]))
-        own = _child(inertial, "inertia")
+        tensor = _child(inertial, "inertia")
         if name in weighed:  # the moments of inertia with it, in their own axes
             factor = math.exp(whole.masses[name])
-            own.attrib.update({key: repr(factor * float(value)) for key, value in own.attrib.items()})
+            tensor.attrib.update({key: repr(factor * float(value)) for key, value in tensor.attrib.items()})
         if new:
-            own.attrib.update(dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0"))
+            tensor.attrib.update(dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0"))
     for name, (link, place) in measured_points(whole).items():
         name = _unused(name, links, joints)
         links[name] = etree.SubElement(root, "link", {"name": name})
@@ -117,8 +117,8 @@ def _as_xml(urdf: Urdf) -> etree._Element:
             etree.SubElement(element, end, {"link": link})
         if kind in MOVING:
             etree.SubElement(element, "axis", {"xyz": _spaced(joint.axis)})
-            known = {"lower": joint.lower, "upper": joint.upper, "effort": joint.effort, "velocity": joint.velocity}
-            finite = {name: repr(float(value)) for name, value in known.items() if np.isfinite(value)}
+            limits = {"lower": joint.lower, "upper": joint.upper, "effort": joint.effort, "velocity": joint.velocity}
+            finite = {name: repr(float(value)) for name, value in limits.items() if np.isfinite(value)}
             etree.SubElement(element, "limit", {"effort": "0", "velocity": "0"} | finite)
         if joint.mimic is not None:
             attributes = zip(("joint", "multiplier", "offset"), joint.mimic, strict=True)
@@ -128,15 +128,15 @@ def _as_xml(urdf: Urdf) -> etree._Element:
 
 def _unused(name: str, *names: Container[str]) -> str:
     """Return a name that nothing has, and no joint's by which it hangs."""
-    while any(one in some for some in names for one in (name, f"{name}_joint")):
+    while any(candidate in names_taken for names_taken in names for candidate in (name, f"{name}_joint")):
         name += "_"
     return name
 
 
 def _child(element: etree._Element, tag: str) -> etree._Element:
     """Return an element's child of a name, a new one where there is none."""
-    found = element.find(tag)
-    return etree.SubElement(element, tag) if found is None else found
+    child = element.find(tag)
+    return etree.SubElement(element, tag) if child is None else child
 
 
 def _spaced(values: Array) -> str:

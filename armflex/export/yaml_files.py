@@ -75,22 +75,22 @@ def _ur(arm: Arm) -> str:
 
 def _robot(arm: Arm) -> str:
     """Return `joint: offset` of every moving joint, and `joint_x` to `joint_c` of every frame that was corrected."""
-    corrections, found = arm.corrections, []
+    corrections, offsets = arm.corrections, []
     for joint in arm.robot.places:
         if joint in arm.robot.moving:
-            found.append((joint.name, corrections.joint_offset.get(joint.name, 0.0)))
+            offsets.append((joint.name, corrections.joint_offset.get(joint.name, 0.0)))
         if np.any(corrections.geometry.get(joint.name, 0.0)):
             pose = corrections.frame(joint)
             values = (*pose.translation, *pin.log3(pose.rotation))
-            found += [(f"{joint.name}_{axis}", value) for axis, value in zip("xyzabc", values, strict=True)]
-    names = Counter(name for name, _ in found)
+            offsets += [(f"{joint.name}_{axis}", value) for axis, value in zip("xyzabc", values, strict=True)]
+    names = Counter(name for name, _ in offsets)
     if odd := [name for name in names if not WORD.fullmatch(name)]:
         raise UnsupportedError(
             f"robot_calibration cannot read the names {listing(map(repr, odd))}: letters, digits, _ . / -"
         )
     if twice := [name for name, count in names.items() if count > 1]:
         raise UnsupportedError(f"robot_calibration would take {listing(twice)} for a joint and for an axis of a frame")
-    return "".join(f"{name}: {float(value) + 0.0!r}\n" for name, value in found)
+    return "".join(f"{name}: {float(value) + 0.0!r}\n" for name, value in offsets)
 
 
 def _numbers(pose: pin.SE3) -> list[str]:

@@ -41,13 +41,13 @@ def rule(kind: str) -> tuple[Array, Array, Array]:
         "C3D20": (elements.ElementHexS2, 5),
         "C3D20R": (elements.ElementHexS2, 2),
     }[kind]
-    one = made()
-    places = one.doflocs
+    element = made()
+    places = element.doflocs
     wanted = np.vstack([corners, [corners[list(edge)].mean(axis=0) for edge in EDGES[len(corners)]]])[: len(places)]
     order = [int(np.abs(places - place).sum(axis=1).argmin()) for place in wanted]
 
-    points, weights = get_quadrature(one.refdom, degree)
-    values = [one.lbasis(points, i) for i in order]
+    points, weights = get_quadrature(element.refdom, degree)
+    values = [element.lbasis(points, i) for i in order]
     return np.array([v for v, _ in values]).T, np.array([g for _, g in values]).transpose(2, 0, 1), weights
 
 
@@ -68,11 +68,11 @@ def assembled(mesh: Mesh, tick: Callable[[int, int | None], None] | None = None)
         return coo_array((blocks.ravel(), (rows, columns)), (size, size)).tocsc()
 
     for block in mesh.blocks:
-        (shapes, slopes, parts), corners, own = rule(block.kind), corners_of(block.kind), block.material
+        (shapes, slopes, parts), corners, material = rule(block.kind), corners_of(block.kind), block.material
         _, straight, _ = rule("C3D4" if corners == 4 else "C3D8")
-        assert own is not None
-        shear = 0.5 * own.young / (1.0 + own.poisson)
-        first = 2.0 * shear * own.poisson / (1.0 - 2.0 * own.poisson)
+        assert material is not None
+        shear = 0.5 * material.young / (1.0 + material.poisson)
+        first = 2.0 * shear * material.poisson / (1.0 - 2.0 * material.poisson)
         for start in range(0, len(block.ids), AT_ONCE):
             nodes = block.nodes[start : start + AT_ONCE]
             points, each = mesh.points[nodes], nodes.shape[1]
@@ -91,13 +91,13 @@ def assembled(mesh: Mesh, tick: Callable[[int, int | None], None] | None = None)
             for axis in range(3):
                 ke[:, :, axis, :, axis] += along
             ke += first * pairs
-            me = (own.density or 0.0) * np.einsum("qi,qj,eq->eij", shapes, shapes, weights)
+            me = (material.density or 0.0) * np.einsum("qi,qj,eq->eij", shapes, shapes, weights)
             dofs = (3 * nodes[..., None] + np.arange(3)).reshape(len(nodes), -1)
             stiffness = stiffness + summed(ke.reshape(len(points), 3 * each, 3 * each), dofs, 3 * count)
             mass = mass + summed(me, nodes, count)
             done += len(nodes)
             if tick:
-                tick(done, sum(len(one.ids) for one in mesh.blocks))
+                tick(done, sum(len(block.ids) for block in mesh.blocks))
     return stiffness, mass
 
 

@@ -108,18 +108,18 @@ def read_bdf(path: Path, unit: str = "m") -> Mesh:
         elif word == "GRID":
             if cells[1] not in ("", "0") or cells[7] not in ("", "0"):
                 draft.fail("GRID in a coordinate system of its own or in a superelement is not read", line)
-            (one,) = draft.whole(line, cells[:1], 1)
-            draft.node(one, one, draft.numbers(line, cells[2:5]), line)
+            (number,) = draft.whole(line, cells[:1], 1)
+            draft.node(number, number, draft.numbers(line, cells[2:5]), line)
         elif word == "GRDSET":
             if cells[1] not in ("", "0") or cells[7] not in ("", "0"):
                 draft.fail("GRDSET with a coordinate system or a superelement of every GRID is not read", line)
         elif word in KINDS or word in FLAT:
-            one, part = draft.whole(line, [cells[0], cells[1] or cells[0]], 2)
+            number, part = draft.whole(line, [cells[0], cells[1] or cells[0]], 2)
             own = draft.whole(line, cells[2 : 2 + FLAT.get(word, 20)])  # of faces thickness and angle come after
             if (kind := KINDS[word].get(len(own)) if word in KINDS else word) is None:
-                draft.fail(f"{word} {one} has {len(own)} nodes, expected {' or '.join(map(str, KINDS[word]))}", line)
-            draft.element(one, one, kind, [own[i] for i in UPWARD] if kind == "C3D20" else own, line)
-            draft.groups.setdefault(f"{'PID' if word in FLAT else 'PSOLID'}{part}", []).append(one)
+                draft.fail(f"{word} {number} has {len(own)} nodes, expected {' or '.join(map(str, KINDS[word]))}", line)
+            draft.element(number, number, kind, [own[i] for i in UPWARD] if kind == "C3D20" else own, line)
+            draft.groups.setdefault(f"{'PID' if word in FLAT else 'PSOLID'}{part}", []).append(number)
         elif word in ("PSOLID", "PSHELL", "PCOMP"):
             if word == "PSOLID" and cells[6].upper() not in ("", "SMECH"):
                 draft.fail(f"PSOLID of {cells[6]} is not computed: solids of a structure (SMECH) are", line)
@@ -159,7 +159,7 @@ def read_bdf(path: Path, unit: str = "m") -> Mesh:
     for material in draft.materials.values():
         mass = material.pop("density")
         material |= {"density": (controlled or scale or 1.0) * mass} if mass else {}
-    requested = [(name, *one) for name, one in sets.items()]
+    requested = [(name, *members) for name, members in sets.items()]
     for name, several in held.items():
         for given, line in several:
             others = [word for word in given if word.startswith("SPC")]

@@ -57,7 +57,7 @@ class Factor:
     def __init__(self, matrix: Any, places: Array, tick: Callable[[int, int], None] = lambda *_: None) -> None:
         tick(0, len(places))
         pieces = _dissected(matrix, places)
-        self.order = np.concatenate([own for own, _ in pieces])
+        self.order = np.concatenate([unknowns_of for unknowns_of, _ in pieces])
         matrix = matrix[self.order][:, self.order].tocsc()
         matrix.sort_indices()
         self.fronts: list[Front] = []
@@ -68,7 +68,7 @@ class Factor:
             count, entries = end - start, slice(matrix.indptr[start], matrix.indptr[end])
             rows, each = matrix.indices[entries], np.diff(matrix.indptr[start : end + 1])
             lower, columns = rows >= start, np.repeat(np.arange(count), each)
-            added = [waiting.pop(one) for one in inner if one in waiting]
+            added = [waiting.pop(child) for child in inner if child in waiting]
             every = np.unique(np.concatenate([rows[lower], np.arange(start, end), *(those for those, _ in added)]))
             dense = np.zeros((len(every),) * 2, order="F")
             dense[np.searchsorted(every, rows[lower]), columns[lower]] = matrix.data[entries][lower]
@@ -87,14 +87,14 @@ class Factor:
 
     def solve(self, right: Array) -> Array:
         """Return the solution of (n,) or (n, m) right sides."""
-        found = np.array(right, dtype=float).reshape(len(right), -1)[self.order]
-        for own, later, factor, below in self.fronts:
-            found[own] = dtrsm(1.0, factor, found[own], lower=1)
-            found[later] -= below @ found[own]
-        for own, later, factor, below in reversed(self.fronts):
-            found[own] = dtrsm(1.0, factor, found[own] - below.T @ found[later], lower=1, trans_a=1)
-        back = np.empty_like(found)
-        back[self.order] = found
+        solution = np.array(right, dtype=float).reshape(len(right), -1)[self.order]
+        for place, later, factor, below in self.fronts:
+            solution[place] = dtrsm(1.0, factor, solution[place], lower=1)
+            solution[later] -= below @ solution[place]
+        for place, later, factor, below in reversed(self.fronts):
+            solution[place] = dtrsm(1.0, factor, solution[place] - below.T @ solution[later], lower=1, trans_a=1)
+        back = np.empty_like(solution)
+        back[self.order] = solution
         return back.reshape(np.shape(right))
 
 
@@ -105,30 +105,30 @@ def _dissected(matrix: Any, places: Array) -> list[tuple[np.ndarray, list[int]]]
     size, unknowns = len(points), np.flatnonzero(placed)[np.argsort(group.ravel(), kind="stable")]
     starts = np.concatenate([[0], np.cumsum(np.bincount(group.ravel(), minlength=size))])
     member = csr_array((np.ones(len(group), bool), (group.ravel(), np.flatnonzero(placed))), (size, len(places)))
-    found: list[tuple[np.ndarray, list[int]]] = []
+    pieces: list[tuple[np.ndarray, list[int]]] = []
 
-    def piece(some: np.ndarray, inner: list[int]) -> list[int]:
-        if not len(some):
+    def piece(nodes: np.ndarray, inner: list[int]) -> list[int]:
+        if not len(nodes):
             return inner
-        found.append((np.concatenate([unknowns[starts[one] : starts[one + 1]] for one in some]), inner))
-        return [len(found) - 1]
+        pieces.append((np.concatenate([unknowns[starts[node] : starts[node + 1]] for node in nodes]), inner))
+        return [len(pieces) - 1]
 
-    def divided(graph: Any, points: Array, some: np.ndarray) -> list[int]:
-        if len(some) <= LEAF:
-            return piece(some, [])
+    def divided(graph: Any, points: Array, nodes: np.ndarray) -> list[int]:
+        if len(nodes) <= LEAF:
+            return piece(nodes, [])
         along = np.argsort(points[:, np.ptp(points, axis=0).argmax()], kind="stable")
         low, high = np.sort(along[: len(along) // 2]), np.sort(along[len(along) // 2 :])
-        between = np.zeros(len(some), bool)
+        between = np.zeros(len(nodes), bool)
         across = graph[low][:, high]
         left, right = np.flatnonzero(np.diff(across.indptr)), np.unique(across.indices)
         of_left, of_right = _cover(across[left][:, right])
         between[low[left[of_left]]] = between[high[right[of_right]]] = True
         halves = [half[~between[half]] for half in (low, high)]
-        inner = [one for half in halves for one in divided(graph[half][:, half], points[half], some[half])]
-        return piece(some[between], inner)
+        inner = [child for half in halves for child in divided(graph[half][:, half], points[half], nodes[half])]
+        return piece(nodes[between], inner)
 
     outer = divided((member @ (abs(matrix) > 0.0) @ member.T).tocsr(), points, np.arange(size))
-    return found if placed.all() else [*found, (np.flatnonzero(~placed), outer)]
+    return pieces if placed.all() else [*pieces, (np.flatnonzero(~placed), outer)]
 
 
 def _cover(graph: Any) -> tuple[np.ndarray, np.ndarray]:

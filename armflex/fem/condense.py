@@ -58,16 +58,16 @@ def condense(
     """
     said = tick or (lambda *_: None)
     loaded = tuple(loaded)
-    found, mesh = (structure, structure.mesh) if isinstance(structure, Matrices) else (None, structure)
-    sets = interfaces_of(mesh, fixed, loaded, whole=found is None)
-    if found is None:
-        found = of_mesh(mesh, lambda done, total: said("assembling elements", done, total))
+    matrices, mesh = (structure, structure.mesh) if isinstance(structure, Matrices) else (None, structure)
+    sets = interfaces_of(mesh, fixed, loaded, whole=matrices is None)
+    if matrices is None:
+        matrices = of_mesh(mesh, lambda done, total: said("assembling elements", done, total))
     origins = np.array([mesh.points[sets[name]].mean(axis=0) for name in loaded])
-    free, reduced, entry = _interfaces(found, sets, origins, interface)
-    rigid = found.rigid(origins[0])
-    moved = found.mass @ rigid
-    stiffness, inner = ((reduced.T @ one @ reduced).tocsc() for one in (found.stiffness, found.mass))
-    nodes = found.freedoms[free, 0]
+    free, reduced, entry = _interfaces(matrices, sets, origins, interface)
+    rigid = matrices.rigid(origins[0])
+    moved = matrices.mass @ rigid
+    stiffness, inner = ((reduced.T @ matrix @ reduced).tocsc() for matrix in (matrices.stiffness, matrices.mass))
+    nodes = matrices.freedoms[free, 0]
     places = np.full((stiffness.shape[0], 3), np.nan)
     places[: len(nodes)] = np.where(nodes[:, None] == MODAL, np.nan, mesh.points[nodes])
     try:
@@ -122,24 +122,24 @@ def condense(
 
 
 def _interfaces(
-    found: Matrices, sets: dict[str, np.ndarray], origins: Array, interface: str
+    matrices: Matrices, sets: dict[str, np.ndarray], origins: Array, interface: str
 ) -> tuple[np.ndarray, Any, Any]:
     """Return the freedoms that are unknowns, the (N, n) map from these and those of rigid interfaces to all, and the
     (n, 6 m) loads on them per interface's load; the first set is held."""
-    place: Any = sparse.eye_array(len(found.freedoms), format="csc")
-    (held, *own), names = [found.at(rows) for rows in sets.values()], list(sets)[1:]
+    place: Any = sparse.eye_array(len(matrices.freedoms), format="csc")
+    (held, *moving), names = [matrices.at(rows) for rows in sets.values()], list(sets)[1:]
     moved = []
-    for name, freedoms, origin in zip(names, own, origins, strict=True):
-        body = found.rigid(origin)[freedoms]
+    for name, freedoms, origin in zip(names, moving, origins, strict=True):
+        body = matrices.rigid(origin)[freedoms]
         if np.linalg.matrix_rank(body) < 6:
-            raise found.mesh.fail(f"set {name!r} has too few freedoms to carry every load: are they held already?")
+            raise matrices.mesh.fail(f"set {name!r} has too few freedoms to carry every load: are they held already?")
         each = body if interface == "rigid" else body @ np.linalg.inv(body.T @ body)
         moved.append(place[:, freedoms] @ sparse.csc_array(each))
-    gone = np.concatenate([held, *own] if interface == "rigid" else [held])
-    free = np.setdiff1d(np.arange(len(found.freedoms)), gone)
+    gone = np.concatenate([held, *moving] if interface == "rigid" else [held])
+    free = np.setdiff1d(np.arange(len(matrices.freedoms)), gone)
     if interface == "average":
         return free, place[:, free], place[:, free].T @ sparse.hstack(moved, "csc")
-    count, size = len(free), 6 * len(own)
+    count, size = len(free), 6 * len(moving)
     entry = sparse.eye_array(count + size, size, k=-count, format="csc")
     return free, sparse.hstack([place[:, free], *moved], "csc"), entry
 
@@ -153,8 +153,8 @@ def _frequencies(stiffness: Any, mass: Any, solver: Any) -> Array:
     operator: Any = linalg.LinearOperator  # whose __new__ and __init__ the checker takes for one
     back = operator((size, size), matvec=solver.solve, dtype=float)
     start = np.ones(size)
-    found = linalg.eigsh(stiffness, MODES, mass, sigma=0.0, OPinv=back, return_eigenvectors=False, v0=start)
-    return np.sort(np.sqrt(np.maximum(found, 0.0))) / (2.0 * np.pi)
+    squares = linalg.eigsh(stiffness, MODES, mass, sigma=0.0, OPinv=back, return_eigenvectors=False, v0=start)
+    return np.sort(np.sqrt(np.maximum(squares, 0.0))) / (2.0 * np.pi)
 
 
 def _surface(mesh: Mesh, shapes: Array) -> dict[str, np.ndarray]:
@@ -162,14 +162,14 @@ def _surface(mesh: Mesh, shapes: Array) -> dict[str, np.ndarray]:
 
     Triangles are rows of the points, seen from outside against the clock.
     """
-    found = []
+    triangles = []
     for corners, faces in FACES.items():
-        own = [b.nodes[:, face] for b in mesh.blocks if corners_of(b.kind) == corners for face in faces]
-        if own:
-            every = np.vstack(own)
+        sides = [b.nodes[:, face] for b in mesh.blocks if corners_of(b.kind) == corners for face in faces]
+        if sides:
+            every = np.vstack(sides)
             _, first, times = np.unique(np.sort(every, axis=1), axis=0, return_index=True, return_counts=True)
             outer = every[first[times == 1]]  # a face of two elements is inside
-            found += [outer[:, [0, i, i + 1]] for i in range(1, every.shape[1] - 1)]
-    kept, numbers = np.unique(np.vstack(found), return_inverse=True)
+            triangles += [outer[:, [0, i, i + 1]] for i in range(1, every.shape[1] - 1)]
+    kept, numbers = np.unique(np.vstack(triangles), return_inverse=True)
     moves = shapes.reshape(-1, 3, 6)[kept]
     return {"points": mesh.points[kept], "triangles": numbers.reshape(-1, 3).astype("i8"), "shapes": moves}

@@ -114,38 +114,39 @@ class _Reader:
         parts: dict[str, list[_Statement]] = {}
         instances: dict[str, tuple[list[_Statement], Array, Array]] = {}
         stepping = False
-        for one in self.statements(self.draft.path):
-            if one.keyword in ("PART", "INSTANCE"):
-                begun = one
-            stepping |= one.keyword == "STEP"
+        for statement in self.statements(self.draft.path):
+            if statement.keyword in ("PART", "INSTANCE"):
+                begun = statement
+            stepping |= statement.keyword == "STEP"
             if stepping:
-                if one.keyword not in READERS and one.keyword not in HARMLESS and not self.springs:
+                if statement.keyword not in READERS and statement.keyword not in HARMLESS and not self.springs:
                     self.fail(
-                        f"*{one.keyword} in a *STEP is not computed here, and is not known to be harmless", one.line
+                        f"*{statement.keyword} in a *STEP is not computed here, and is not known to be harmless",
+                        statement.line,
                     )
-            elif one.keyword == "PART":
-                here = parts.setdefault(self.name(one, "NAME"), [])
-            elif one.keyword == "INSTANCE":
-                if (part := self.name(one, "PART")) not in parts:
-                    known = listing(parts) or "none"
-                    self.fail(f"*INSTANCE of a part {part!r} that is not there (parts: {known})", one.line)
-                if more := sorted(one.parameters.keys() - {"NAME", "PART"}):
-                    self.fail(f"*INSTANCE: {more[0]} is not read", one.line)
+            elif statement.keyword == "PART":
+                here = parts.setdefault(self.name(statement, "NAME"), [])
+            elif statement.keyword == "INSTANCE":
+                if (part := self.name(statement, "PART")) not in parts:
+                    names = listing(parts) or "none"
+                    self.fail(f"*INSTANCE of a part {part!r} that is not there (parts: {names})", statement.line)
+                if more := sorted(statement.parameters.keys() - {"NAME", "PART"}):
+                    self.fail(f"*INSTANCE: {more[0]} is not read", statement.line)
                 here = list(parts[part])
-                instances[f"{self.name(one, 'NAME')}."] = (here, *self.placed(one))
-            elif one.keyword in ("END PART", "END INSTANCE"):
+                instances[f"{self.name(statement, 'NAME')}."] = (here, *self.placed(statement))
+            elif statement.keyword in ("END PART", "END INSTANCE"):
                 here = root
             else:
-                here.append(one)
+                here.append(statement)
         if here is not root:
             self.fail(f"*{begun.keyword} has no *END {begun.keyword}: is the file whole?", begun.line)
-        whole = {f"{name}.": (own, np.zeros(3), np.eye(3)) for name, own in parts.items()}
+        whole = {f"{name}.": (statements, np.zeros(3), np.eye(3)) for name, statements in parts.items()}
         self.instances = bool(instances)
-        for prefix, (own, shift, turn) in {**(instances or whole), "": (root, np.zeros(3), np.eye(3))}.items():
+        for prefix, (statements, shift, turn) in {**(instances or whole), "": (root, np.zeros(3), np.eye(3))}.items():
             self.prefix, self.shift, self.turn = prefix, shift, turn
             self.systems = []
-            for one in sorted(own, key=lambda one: ORDER.get(one.keyword, 1)):
-                self.read(one)
+            for statement in sorted(statements, key=lambda statement: ORDER.get(statement.keyword, 1)):
+                self.read(statement)
         self.draft.sets = self.surfaces | self.draft.sets
         return self.draft.mesh(self.flags.values(), self.beyond)
 
@@ -153,7 +154,7 @@ class _Reader:
         """Yield the statements of a file and of those that it includes."""
 
         def parameters(given: list[str]) -> dict[str, str]:
-            pairs = (one.partition("=") for one in given)
+            pairs = (pair.partition("=") for pair in given)
             return {" ".join(key.upper().split()): value.strip().strip("\"'") for key, _, value in pairs}
 
         now: _Statement | None = None
@@ -190,29 +191,31 @@ class _Reader:
         if now is not None:
             yield now
 
-    def read(self, one: _Statement) -> None:
+    def read(self, statement: _Statement) -> None:
         """Take in one statement."""
-        if one.keyword in READERS:
-            reader, allowed = READERS[one.keyword]
-            more = sorted(one.parameters.keys() - {*allowed.split(), "INTERNAL", ""})
-            if more and one.keyword != "SURFACE":
-                self.fail(f"*{one.keyword}: {more[0]} is not read (read: {listing(allowed.split())})", one.line)
-            reader(self, one)
-        elif one.keyword in MAKING or (one.keyword not in HARMLESS and not self.springs):
+        if statement.keyword in READERS:
+            reader, allowed = READERS[statement.keyword]
+            more = sorted(statement.parameters.keys() - {*allowed.split(), "INTERNAL", ""})
+            if more and statement.keyword != "SURFACE":
+                self.fail(
+                    f"*{statement.keyword}: {more[0]} is not read (read: {listing(allowed.split())})", statement.line
+                )
+            reader(self, statement)
+        elif statement.keyword in MAKING or (statement.keyword not in HARMLESS and not self.springs):
             text = "is not computed here, and is not known to be harmless (solids with a linear isotropic material are)"
-            self.fail(f"*{one.keyword} {text}", one.line)
-        elif one.keyword == "RESTART" and "READ" in one.parameters:
-            self.fail("*RESTART, READ: the model is in another job's files", one.line)
-        elif one.keyword not in HARMLESS:
-            self.beyond.append((one.keyword, one.line))
-        elif one.keyword in ("BOUNDARY", "CLOAD", "DLOAD", "DSLOAD", "INITIAL CONDITIONS"):
-            text = f"*{one.keyword} (line {one.line % MOST_LINES}) is left out: --fixed says what is held"
-            self.flags.setdefault(one.keyword, Flag("left_out", text))
+            self.fail(f"*{statement.keyword} {text}", statement.line)
+        elif statement.keyword == "RESTART" and "READ" in statement.parameters:
+            self.fail("*RESTART, READ: the model is in another job's files", statement.line)
+        elif statement.keyword not in HARMLESS:
+            self.beyond.append((statement.keyword, statement.line))
+        elif statement.keyword in ("BOUNDARY", "CLOAD", "DLOAD", "DSLOAD", "INITIAL CONDITIONS"):
+            text = f"*{statement.keyword} (line {statement.line % MOST_LINES}) is left out: --fixed says what is held"
+            self.flags.setdefault(statement.keyword, Flag("left_out", text))
 
-    def name(self, one: _Statement, key: str) -> str:
-        if not one.parameters.get(key):
-            self.fail(f"*{one.keyword} needs {key}=NAME", one.line)
-        return one.parameters[key].upper()
+    def name(self, statement: _Statement, key: str) -> str:
+        if not statement.parameters.get(key):
+            self.fail(f"*{statement.keyword} needs {key}=NAME", statement.line)
+        return statement.parameters[key].upper()
 
     def into(self, sets: dict[str, list], name: str) -> list[list]:
         """Return the lists of a set: in an instance its own, and that of all instances if the assembly has none."""
@@ -220,14 +223,14 @@ class _Reader:
         if self.instances and not self.prefix and key not in self.assembled:
             self.assembled.add(key)
             sets.pop(name.upper(), None)
-        return [sets.setdefault(one, []) for one in dict.fromkeys((name.upper(), f"{self.prefix}{name.upper()}"))]
+        return [sets.setdefault(key, []) for key in dict.fromkeys((name.upper(), f"{self.prefix}{name.upper()}"))]
 
-    def node(self, one: _Statement) -> None:
-        sets = self.into(self.draft.sets, one.parameters["NSET"]) if "NSET" in one.parameters else []
-        if one.parameters.get("SYSTEM", "R").upper() != "R":
-            self.fail("*NODE in cylindrical or spherical coordinates is not read", one.line)
+    def node(self, statement: _Statement) -> None:
+        sets = self.into(self.draft.sets, statement.parameters["NSET"]) if "NSET" in statement.parameters else []
+        if statement.parameters.get("SYSTEM", "R").upper() != "R":
+            self.fail("*NODE in cylindrical or spherical coordinates is not read", statement.line)
         moves = [*self.systems, *[(self.shift, self.turn)] * bool(self.prefix)]
-        for line, cells in one.data:
+        for line, cells in statement.data:
             (number,), place = self.draft.whole(line, cells[:1], 1), self.draft.numbers(line, cells, 2)[1:4]
             place = [*place, 0.0, 0.0][:3]
             for shift, turn in moves:
@@ -235,36 +238,38 @@ class _Reader:
             self.draft.node(f"{self.prefix}{number}", number, place, line)
             if self.instances and not self.prefix:
                 self.draft.references.add(f"{number}")
-            for own in sets:
-                own.append(f"{self.prefix}{number}")
+            for members in sets:
+                members.append(f"{self.prefix}{number}")
 
-    def new_system(self, one: _Statement) -> None:
+    def new_system(self, statement: _Statement) -> None:
         """Take in where the next nodes' origin is, and points on the x axis and above it in the plane x y."""
-        values = [value for line, cells in one.data for value in self.draft.numbers(line, cells)]
+        values = [value for line, cells in statement.data for value in self.draft.numbers(line, cells)]
         if len(values) not in (0, 3, 9):
-            self.fail("*SYSTEM needs an origin, or it with a point on the x axis and one in the plane x y", one.line)
+            self.fail(
+                "*SYSTEM needs an origin, or it with a point on the x axis and one in the plane x y", statement.line
+            )
         origin, *ends = np.reshape(values or [0.0, 0.0, 0.0], (-1, 3))
         self.systems = [(origin, np.eye(3))]
         if ends:
             x, above = (end - origin for end in ends)
             z = np.cross(x, above)
             if not z.any():
-                self.fail("*SYSTEM has three points on one line", one.line)
+                self.fail("*SYSTEM has three points on one line", statement.line)
             axes = [axis / np.linalg.norm(axis) for axis in (x, np.cross(z, x), z)]
             self.systems = [(origin, np.column_stack(axes))]
 
-    def element(self, one: _Statement) -> None:
-        kind = self.name(one, "TYPE")
-        sets = self.into(self.draft.groups, one.parameters["ELSET"]) if "ELSET" in one.parameters else []
+    def element(self, statement: _Statement) -> None:
+        kind = self.name(statement, "TYPE")
+        sets = self.into(self.draft.groups, statement.parameters["ELSET"]) if "ELSET" in statement.parameters else []
         if (count := SOLIDS.get(kind) or FLAT.get(kind)) is None:
             if not self.springs:
-                self.fail(f"elements of the type {kind} are not computed: {NOT_COMPUTED}", one.line)
-            self.beyond.append((f"ELEMENT, TYPE={kind}", one.line))
+                self.fail(f"elements of the type {kind} are not computed: {NOT_COMPUTED}", statement.line)
+            self.beyond.append((f"ELEMENT, TYPE={kind}", statement.line))
             return
         if kind in FLAT:
             self.flags.setdefault(kind, Flag("left_out", f"elements {kind} without a section make sets alone"))
-        waiting, begun = [], one.line
-        for line, cells in [*one.data, (one.line, [])]:
+        waiting, begun = [], statement.line
+        for line, cells in [*statement.data, (statement.line, [])]:
             begun = begun if waiting else line
             waiting += self.draft.whole(line, cells)
             if len(waiting) > count + 1 or (waiting and not cells):
@@ -272,107 +277,113 @@ class _Reader:
             if len(waiting) == count + 1:
                 key, nodes = f"{self.prefix}{waiting[0]}", [f"{self.prefix}{node}" for node in waiting[1:]]
                 self.draft.element(key, waiting[0], kind, nodes, begun)
-                for own in sets:
-                    own.append(key)
+                for members in sets:
+                    members.append(key)
                 waiting = []
 
-    def members(self, of: dict[str, list], one: _Statement, line: int, cells: list[str]) -> Iterator[str]:
+    def members(self, of: dict[str, list], statement: _Statement, line: int, cells: list[str]) -> Iterator[str]:
         """Yield the keys of nodes or elements that numbers and names of sets, defined before, stand for."""
-        known = self.draft.nodes if of is self.draft.sets else self.draft.elements
-        before = f"{one.parameters['INSTANCE'].upper()}." if "INSTANCE" in one.parameters else self.prefix
-        if "GENERATE" in one.parameters:
+        numbered = self.draft.nodes if of is self.draft.sets else self.draft.elements
+        before = f"{statement.parameters['INSTANCE'].upper()}." if "INSTANCE" in statement.parameters else self.prefix
+        if "GENERATE" in statement.parameters:
             first, last, step = [*self.draft.whole(line, cells), 1, 1, 1][:3]
             if len(cells) < 2 or step < 1 or (last - first) // step > MOST:
                 self.fail(f"expected first, last, step, got {','.join(cells)}", line)
-            yield from (f"{before}{number}" for number in range(first, last + 1, step) if f"{before}{number}" in known)
+            yield from (
+                f"{before}{number}" for number in range(first, last + 1, step) if f"{before}{number}" in numbered
+            )
             return
         for cell in filter(None, cells):
             key = f"{before}{cell.upper()}".replace('"', "")
-            if key in known:
+            if key in numbered:
                 yield key
             elif key in of:
                 yield from list(of[key])
             elif not self.springs:  # with them, elements that are CalculiX's alone are in no list
-                self.fail(f"*{one.keyword} names {cell!r}, which is not there", line)
+                self.fail(f"*{statement.keyword} names {cell!r}, which is not there", line)
 
-    def nset(self, one: _Statement) -> None:
-        draft, name = self.draft, self.name(one, "NSET")
-        found = [key for line, cells in one.data for key in self.members(draft.sets, one, line, cells)]
-        if "ELSET" in one.parameters:  # the nodes of elements
-            keys = self.members(draft.groups, one, one.line, [one.parameters["ELSET"]])
-            found = [node for key in keys for node in draft.elements[key][2]]
-        for own in self.into(draft.sets, name):
-            own += found
+    def nset(self, statement: _Statement) -> None:
+        draft, name = self.draft, self.name(statement, "NSET")
+        nodes = [key for line, cells in statement.data for key in self.members(draft.sets, statement, line, cells)]
+        if "ELSET" in statement.parameters:  # the nodes of elements
+            keys = self.members(draft.groups, statement, statement.line, [statement.parameters["ELSET"]])
+            nodes = [node for key in keys for node in draft.elements[key][2]]
+        for members in self.into(draft.sets, name):
+            members += nodes
 
-    def elset(self, one: _Statement) -> None:
-        name, groups = self.name(one, "ELSET"), self.draft.groups
-        found = [key for line, cells in one.data for key in self.members(groups, one, line, cells)]
-        for own in self.into(groups, name):
-            own += found
+    def elset(self, statement: _Statement) -> None:
+        name, groups = self.name(statement, "ELSET"), self.draft.groups
+        elements = [key for line, cells in statement.data for key in self.members(groups, statement, line, cells)]
+        for members in self.into(groups, name):
+            members += elements
 
-    def surface(self, one: _Statement) -> None:
-        draft, found, name = self.draft, [], self.name(one, "NAME")
-        kind = one.parameters.get("TYPE", "ELEMENT").upper()
-        if kind not in ("ELEMENT", "NODE") or one.parameters.keys() - {"NAME", "TYPE", "INTERNAL"}:
+    def surface(self, statement: _Statement) -> None:
+        draft, surface_nodes, name = self.draft, [], self.name(statement, "NAME")
+        kind = statement.parameters.get("TYPE", "ELEMENT").upper()
+        if kind not in ("ELEMENT", "NODE") or statement.parameters.keys() - {"NAME", "TYPE", "INTERNAL"}:
             draft.unread |= dict.fromkeys(
-                (name, f"{self.prefix}{name}"), ("is a *SURFACE of a kind not read", one.line)
+                (name, f"{self.prefix}{name}"), ("is a *SURFACE of a kind not read", statement.line)
             )
             return
-        for line, (what, *faces) in one.data:
+        for line, (what, *faces) in statement.data:
             if kind == "NODE":
-                found += self.members(draft.sets, one, line, [what])
+                surface_nodes += self.members(draft.sets, statement, line, [what])
                 continue
             face = faces[0].upper() if faces else ""
             if not re.fullmatch(r"S[1-6]", face):
                 text = f"is a *SURFACE of {what!r}, {face!r}: expected an element or a set of them and a face S1 to S6"
                 draft.unread |= dict.fromkeys((name, f"{self.prefix}{name}"), (text, line))
                 return
-            for key in self.members(draft.groups, one, line, [what]):
+            for key in self.members(draft.groups, statement, line, [what]):
                 number, kind_of, nodes, _ = draft.elements[key]
                 if kind_of in FLAT:
                     continue
                 corners = corners_of(kind_of)
                 if int(face[1]) > len(FACES[corners]):
                     self.fail(f"element {number} ({kind_of}) has no face {face}", line)
-                own = set(FACES[corners][int(face[1]) - 1])
+                corners_of_face = set(FACES[corners][int(face[1]) - 1])
                 middles = zip(nodes[corners:], EDGES[corners], strict=False)
-                found += [*(nodes[i] for i in own), *(node for node, edge in middles if own.issuperset(edge))]
-        for own in self.into(self.surfaces, name):
-            own += found
+                surface_nodes += [
+                    *(nodes[i] for i in corners_of_face),
+                    *(node for node, edge in middles if corners_of_face.issuperset(edge)),
+                ]
+        for members in self.into(self.surfaces, name):
+            members += surface_nodes
 
-    def new_material(self, one: _Statement) -> None:
-        self.material = self.name(one, "NAME")
+    def new_material(self, statement: _Statement) -> None:
+        self.material = self.name(statement, "NAME")
         self.draft.materials.setdefault(self.material, {})
 
-    def elastic(self, one: _Statement) -> None:
-        kind = one.parameters.get("TYPE", "ISO").upper()
-        if not kind.startswith("ISO") or len(one.data) != 1 or len(one.data[0][1]) > 3 or not self.material:
+    def elastic(self, statement: _Statement) -> None:
+        kind = statement.parameters.get("TYPE", "ISO").upper()
+        if not kind.startswith("ISO") or len(statement.data) != 1 or len(statement.data[0][1]) > 3 or not self.material:
             text = "one line of an isotropic *ELASTIC in a *MATERIAL is read: Young's modulus, Poisson's ratio"
-            self.fail(text, one.line)
-        young, poisson = self.draft.numbers(*one.data[0], 2)[:2]
-        self.draft.material(self.material, one.line, young=young, poisson=poisson)
+            self.fail(text, statement.line)
+        young, poisson = self.draft.numbers(*statement.data[0], 2)[:2]
+        self.draft.material(self.material, statement.line, young=young, poisson=poisson)
 
-    def density(self, one: _Statement) -> None:
-        if not one.data or not self.material:
-            self.fail("*DENSITY needs a number and a *MATERIAL", one.line)
-        values = [self.draft.numbers(line, cells, 1)[0] for line, cells in one.data]
+    def density(self, statement: _Statement) -> None:
+        if not statement.data or not self.material:
+            self.fail("*DENSITY needs a number and a *MATERIAL", statement.line)
+        values = [self.draft.numbers(line, cells, 1)[0] for line, cells in statement.data]
         if min(values) < max(values):
-            text = f"*DENSITY (line {one.line % MOST_LINES}) depends on the temperature: its first is that of the part"
+            line = statement.line % MOST_LINES
+            text = f"*DENSITY (line {line}) depends on the temperature: its first is that of the part"
             self.flags.setdefault("DENSITY", Flag("density", text))
-        self.draft.material(self.material, one.line, density=values[0])
+        self.draft.material(self.material, statement.line, density=values[0])
 
-    def section(self, one: _Statement) -> None:
-        keys = list(self.members(self.draft.groups, one, one.line, [self.name(one, "ELSET")]))
-        self.draft.sections.append((keys, self.name(one, "MATERIAL"), one.line))
+    def section(self, statement: _Statement) -> None:
+        keys = list(self.members(self.draft.groups, statement, statement.line, [self.name(statement, "ELSET")]))
+        self.draft.sections.append((keys, self.name(statement, "MATERIAL"), statement.line))
 
-    def placed(self, one: _Statement) -> tuple[Array, Array]:
+    def placed(self, statement: _Statement) -> tuple[Array, Array]:
         """Return the (3,) shift and (3, 3) rotation of an instance."""
-        shift = np.array(self.draft.numbers(*one.data[0], 3)[:3]) if one.data else np.zeros(3)
-        if len(one.data) < 2:
+        shift = np.array(self.draft.numbers(*statement.data[0], 3)[:3]) if statement.data else np.zeros(3)
+        if len(statement.data) < 2:
             return shift, np.eye(3)
-        x = np.array(self.draft.numbers(*one.data[1], 7)[:7])
+        x = np.array(self.draft.numbers(*statement.data[1], 7)[:7])
         if not (axis := x[3:6] - x[:3]).any():
-            self.fail("*INSTANCE is turned about an axis without length", one.line)
+            self.fail("*INSTANCE is turned about an axis without length", statement.line)
         turn = Rotation.from_rotvec(np.radians(x[6]) * axis / np.linalg.norm(axis)).as_matrix()
         return turn @ (shift - x[:3]) + x[:3], turn
 

@@ -85,8 +85,11 @@ def read_matrices(path: Path, unit: str = "m") -> Matrices:
     if path.suffix.lower() == ".sti":
         mesh, heavy = read_inp(path.with_suffix(".inp"), unit, springs=True), path.with_suffix(".mas")
     elif abaqus and not listed.exists():
-        own = path.stem[: len(job)]
-        mesh, heavy = read_inp(path.with_name(f"{own}.inp"), unit, True), path.with_name(f"{own}_MASS{number}.mtx")
+        job_name = path.stem[: len(job)]
+        mesh, heavy = (
+            read_inp(path.with_name(f"{job_name}.inp"), unit, True),
+            path.with_name(f"{job_name}_MASS{number}.mtx"),
+        )
     else:
         mesh = _nodes(listed, unit)
     files = [path, heavy] if heavy.exists() or path.suffix.lower() == ".sti" else [path]
@@ -96,7 +99,7 @@ def read_matrices(path: Path, unit: str = "m") -> Matrices:
         pair, freedoms = _triangles(files, mesh)
     root = np.where((freedoms[:, 0] != MODAL) & (freedoms[:, 1] < 3), UNITS[unit][0] ** -0.5, UNITS[unit][0] ** 0.5)
     scaling = sparse.diags_array(root)  # N and mm: a stiffness in N/mm and a mass in t scale alike
-    stiffness, *more = ((scaling @ one @ scaling).tocsc() for one in pair)
+    stiffness, *more = ((scaling @ matrix @ scaling).tocsc() for matrix in pair)
     mass = more[0] if more else sparse.csc_array(stiffness.shape)
     return Matrices(replace(mesh, path=path), stiffness, mass, freedoms)
 
@@ -106,9 +109,9 @@ def _triangles(files: list[Path], mesh: Mesh) -> tuple[list[Any], np.ndarray]:
 
     CalculiX's are `i j value`, whose freedoms are in JOB.dof; Abaqus' name them. What Abaqus holds is left out.
     """
-    own = files[0].suffix.lower() == ".sti"
-    listed = files[0].with_suffix(".dof") if own else files[0]
-    if own:
+    by_calculix = files[0].suffix.lower() == ".sti"
+    listed = files[0].with_suffix(".dof") if by_calculix else files[0]
+    if by_calculix:
         names = [line.strip() for line in text_lines(listed)]
         wrong = [place for place, name in enumerate(names, 1) if not re.fullmatch(r"\d+\.[1-6]", name)]
         if wrong:
@@ -120,22 +123,24 @@ def _triangles(files: list[Path], mesh: Mesh) -> tuple[list[Any], np.ndarray]:
         tables = [_rows(file, ",", "node, component, node, component, value") for file in files]
         named = [(10 * table[:, [0, 2]] + table[:, [1, 3]]).astype(int) for table in tables]
         keys = np.setdiff1d(named[0], named[0][tables[0][:, 4] >= HELD])
-        ends = [np.where(np.isin(one, keys), np.searchsorted(keys, one), -1) for one in named]
-        kept = [(one >= 0).all(axis=1) for one in ends]
-        tables, ends = ([one[some] for one, some in zip(several, kept, strict=True)] for several in (tables, ends))
+        ends = [np.where(np.isin(entry, keys), np.searchsorted(keys, entry), -1) for entry in named]
+        kept = [(rows >= 0).all(axis=1) for rows in ends]
+        tables, ends = (
+            [listed[mask] for listed, mask in zip(several, kept, strict=True)] for several in (tables, ends)
+        )
     nodes, axes = np.divmod(keys, 10)
     if len(lost := np.flatnonzero(~np.isin(nodes, mesh.ids) | (axes < 1) | (axes > 6))):
         text = f"'{nodes[lost[0]]}.{axes[lost[0]]}' is no freedom of {mesh.path.name}"
-        text += ": nodes of shells and beams are CalculiX's own" * own
-        raise MeshError(Place(listed, int(lost[0]) + 1 if own else 0), text)
-    order, size, found = np.argsort(mesh.ids), len(keys), []
+        text += ": nodes of shells and beams are CalculiX's own" * by_calculix
+        raise MeshError(Place(listed, int(lost[0]) + 1 if by_calculix else 0), text)
+    order, size, matrices = np.argsort(mesh.ids), len(keys), []
     for file, table, pairs in zip(files, tables, ends, strict=True):
         if len(pairs) and not 0 <= pairs.min() <= pairs.max() < size:
             raise MeshError(Place(file), f"is no matrix of {size} freedoms: it names {pairs.max() + 1}")
         _, first = np.unique(pairs.min(axis=1) * size + pairs.max(axis=1), return_index=True)
         half = sparse.coo_array((table[first, -1], np.sort(pairs[first], axis=1).T), (size, size)).tocsc()
-        found.append(half + half.T - sparse.diags_array(half.diagonal()))
-    return found, np.column_stack([order[np.searchsorted(mesh.ids, nodes, sorter=order)], axes - 1])
+        matrices.append(half + half.T - sparse.diags_array(half.diagonal()))
+    return matrices, np.column_stack([order[np.searchsorted(mesh.ids, nodes, sorter=order)], axes - 1])
 
 
 def _rows(path: Path, sign: str | None, cells: str) -> Array:
@@ -147,7 +152,7 @@ def _rows(path: Path, sign: str | None, cells: str) -> Array:
             if not text.strip() or text[0] == "*":
                 continue
             try:
-                row = [float(one) for one in text.split(sign)]
+                row = [float(cell) for cell in text.split(sign)]
             except ValueError:
                 row = []
             if len(row) != count or not all(map(isfinite, row)):
@@ -160,23 +165,23 @@ def _rows(path: Path, sign: str | None, cells: str) -> Array:
 
 def _market(files: list[Path], count: int) -> tuple[list[Any], np.ndarray]:
     """Return the symmetric matrices of Matrix Market files, and their freedoms."""
-    found: list[Any] = []
+    matrices: list[Any] = []
     for file in files:
         try:
-            found.append(sparse.csc_array(io.mmread(file)))
+            matrices.append(sparse.csc_array(io.mmread(file)))
         except (OSError, ValueError) as error:
             raise MeshError(Place(file), f"is no Matrix Market file: {error}") from None
-        one, size = found[-1], found[0].shape[0]
-        if one.shape != (size, size) or not np.isfinite(one.data).all():
-            raise MeshError(Place(file), f"is {one.shape[0]} x {one.shape[1]}, expected {size} square and finite")
-        if abs(one - one.T).max() > 1e-8 * abs(one).max():
+        matrix, size = matrices[-1], matrices[0].shape[0]
+        if matrix.shape != (size, size) or not np.isfinite(matrix.data).all():
+            raise MeshError(Place(file), f"is {matrix.shape[0]} x {matrix.shape[1]}, expected {size} square and finite")
+        if abs(matrix - matrix.T).max() > 1e-8 * abs(matrix).max():
             raise MeshError(Place(file), "is not symmetric")
     each = 6 if size >= 6 * count else 3
     if size != each * count and each == 3:
         raise MeshError(Place(files[0]), f"is {size} square: {count} nodes have {3 * count} or {6 * count} components")
     freedoms = np.column_stack(np.divmod(np.arange(size), each))
     freedoms[each * count :] = MODAL, 0
-    return [0.5 * (one + one.T) for one in found], freedoms
+    return [0.5 * (matrix + matrix.T) for matrix in matrices], freedoms
 
 
 def _nodes(path: Path, unit: str) -> Mesh:

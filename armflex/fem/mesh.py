@@ -155,16 +155,16 @@ class Mesh:
             UnknownNameError: There is no such set.
             MeshError: It has no node, or is not one of nodes.
         """
-        known = {one.lower(): one for one in self.sets}
-        if name.lower() not in known:
+        names = {name.lower(): name for name in self.sets}
+        if name.lower() not in names:
             for unread, (reason, line) in self.unread.items():
                 if unread.lower() == name.lower():
                     raise self.fail(f"set {name!r} {reason}", line)
             raise UnknownNameError(f"set of {self.path.name}", name, self.sets)
-        found = np.unique(self.sets[known[name.lower()]])
-        if not len(found):
+        nodes = np.unique(self.sets[names[name.lower()]])
+        if not len(nodes):
             raise self.fail(f"set {name!r} has no nodes")
-        return found
+        return nodes
 
 
 @dataclass
@@ -216,22 +216,22 @@ class Draft:
     def numbers(self, line: int, cells: Sequence[str], least: int = 1) -> list[float]:
         """Return numbers as Fortran writes them, 0 for empty cells."""
         try:
-            found = [float(_EXPONENT.sub(r"E\1\2", cell.strip() or "0")) for cell in cells]
+            values = [float(_EXPONENT.sub(r"E\1\2", cell.strip() or "0")) for cell in cells]
         except ValueError:
-            found = []
-        if len(found) < least or not np.isfinite(found).all():
+            values = []
+        if len(values) < least or not np.isfinite(values).all():
             self.fail(f"expected {least} finite numbers, got {','.join(cells)[:60]!r}", line)
-        return found
+        return values
 
     def whole(self, line: int, cells: Sequence[str], least: int = 0) -> list[int]:
         """Return whole numbers, none for empty cells."""
         try:
-            found = [int(cell) for cell in cells if cell.strip()]
+            values = [int(cell) for cell in cells if cell.strip()]
         except ValueError:
-            found = None
-        if found is None or len(found) < least or any(abs(number) > maxsize for number in found):
+            values = None
+        if values is None or len(values) < least or any(abs(number) > maxsize for number in values):
             self.fail(f"expected whole numbers, got {','.join(cells)[:60]!r}", line)
-        return found
+        return values
 
     def node(self, key: Any, number: int, place: Any, line: int) -> None:
         """Add a node."""
@@ -266,8 +266,8 @@ class Draft:
             rows = {key: row for row, key in enumerate(self.nodes)}
         for keys, material, line in self.sections:
             if material not in self.materials:
-                known = listing(self.materials) or "none"
-                self.fail(f"a section of the material {material!r}, which is not there (known: {known})", line)
+                materials = listing(self.materials) or "none"
+                self.fail(f"a section of the material {material!r}, which is not there (known: {materials})", line)
             for key in keys:
                 if self.materials[before := made.setdefault(key, material)] != self.materials[material]:
                     number = self.elements[key][0]
@@ -288,8 +288,8 @@ class Draft:
         blocks = []
         for (kind, name), several in sorts.items():
             ids, nodes, lines = (np.array(column) for column in zip(*several, strict=True))
-            own = self.materials.get(name, {})
-            material = Material(**own) if {"young", "poisson"} <= own.keys() else None
+            constants = self.materials.get(name, {})
+            material = Material(**constants) if {"young", "poisson"} <= constants.keys() else None
             blocks.append(Block(kind, ids, nodes, lines, material, name))
         sets = {name: {node for key in keys for node in self.elements[key][2]} for name, keys in self.groups.items()}
         numbers, places, lines = zip(*self.nodes.values(), strict=True) if rows else ((), np.zeros((0, 3)), ())
@@ -334,26 +334,31 @@ def with_material(mesh: Mesh, young: float | None, poisson: float | None, densit
     given = {"young": young, "poisson": poisson, "density": density}
     given = {name: value for name, value in given.items() if value is not None}
     for block in mesh.blocks:
-        own, named = block.material, f"the {len(block.ids)} {block.kind}" + f" of {block.name!r}" * bool(block.name)
-        if own is None and not {"young", "poisson"} <= given.keys():
+        material, named = (
+            block.material,
+            f"the {len(block.ids)} {block.kind}" + f" of {block.name!r}" * bool(block.name),
+        )
+        if material is None and not {"young", "poisson"} <= given.keys():
             raise mesh.fail(f"{named} have no material: give --young and --poisson", block.lines[0])
-        if own is not None and (changed := [name for name in given if getattr(own, name) not in (None, given[name])]):
+        if material is not None and (
+            changed := [name for name in given if getattr(material, name) not in (None, given[name])]
+        ):
             flags.append(Flag("material", f"{listing(changed)} of the file replaced by the one given"))
-        own = Material(**given) if own is None else replace(own, **given)
-        if not -1.0 < own.poisson < 0.5:
-            text = f"Poisson's ratio {own.poisson:g} of {named}: expected more than -1, less than 0.5"
+        material = Material(**given) if material is None else replace(material, **given)
+        if not -1.0 < material.poisson < 0.5:
+            text = f"Poisson's ratio {material.poisson:g} of {named}: expected more than -1, less than 0.5"
             raise mesh.fail(text, block.lines[0])
         for name, text, (least, most), unit in (
             ("young", "Young's modulus", YOUNG, "Pa"),
             ("density", "density", DENSITY, "kg/m^3"),
         ):
-            value = getattr(own, name)
+            value = getattr(material, name)
             if value is not None and not least <= value <= most:
                 text = f"{text} {value:g} {unit} of {named}, expected {least:g} to {most:g}"
                 other = "is the mesh in mm, N and tonnes (--unit mm)?"
                 other = f"--{name} is in {unit} whatever the mesh's unit" if name in given else other
                 raise mesh.fail(f"{text}: {other}", block.lines[0])
-        blocks.append(replace(block, material=own))
+        blocks.append(replace(block, material=material))
     return replace(mesh, blocks=tuple(blocks), flags=tuple(dict.fromkeys(flags)))
 
 
@@ -386,9 +391,9 @@ def interfaces_of(mesh: Mesh, fixed: str, loaded: Sequence[str], whole: bool = T
         other = "--unit mm" if size > LONGEST else "--unit m"
         text = f"the mesh is {size:g} m from corner to corner, expected {SHORTEST:g} to {LONGEST:g} m"
         raise UnitError(f"{mesh.path}: {text}: is another unit meant ({other})?")
-    found, count = {name: mesh.nodes_of(name) for name in names}, len(mesh.points)
+    sets, count = {name: mesh.nodes_of(name) for name in names}, len(mesh.points)
     if not whole:
-        return found
+        return sets
     lost = np.setdiff1d(np.arange(count), np.concatenate([block.nodes.ravel() for block in mesh.blocks]))
     if len(lost):
         more = f" (nor do {len(lost) - 1} others)" if len(lost) > 1 else ""
@@ -399,9 +404,9 @@ def interfaces_of(mesh: Mesh, fixed: str, loaded: Sequence[str], whole: bool = T
         if len(twice):
             text = f"elements {block.ids[first[same.ravel()[twice[0]]]]} and {block.ids[twice[0]]} have the same nodes"
             raise mesh.fail(f"{text}: the solid is counted twice", block.lines[twice[0]])
-    for place, (name, rows) in enumerate(found.items()):
+    for place, (name, rows) in enumerate(sets.items()):
         for other in names[:place]:
-            shared = np.intersect1d(rows, found[other])
+            shared = np.intersect1d(rows, sets[other])
             if len(shared):
                 text = f"interfaces {other!r} and {name!r} share {len(shared)} nodes, the first is %s"
                 raise at_node(text, shared[0], "a node belongs to one interface")
@@ -412,11 +417,11 @@ def interfaces_of(mesh: Mesh, fixed: str, loaded: Sequence[str], whole: bool = T
     pairs = [(np.repeat(b.nodes[:, :1], b.nodes.shape[1] - 1, 1).ravel(), b.nodes[:, 1:].ravel()) for b in mesh.blocks]
     rows, columns = (np.concatenate(side) for side in zip(*pairs, strict=True))
     _, part = connected_components(coo_matrix((np.ones(len(rows), bool), (rows, columns)), (count, count)))
-    free = np.flatnonzero(~np.isin(part, part[found[fixed]]))
+    free = np.flatnonzero(~np.isin(part, part[sets[fixed]]))
     if len(free):
         text = f"a part of {np.sum(part == part[free[0]])} nodes, among them %s, is not connected to {fixed!r}"
         raise at_node(text, free[0], "nodes at one place are joined only where they are one node")
-    return found
+    return sets
 
 
 def text_lines(path: Path) -> Iterator[str]:

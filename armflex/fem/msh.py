@@ -177,14 +177,14 @@ def _read_text(draft: Draft, version: str) -> None:
                 number = first if again else number
                 groups_of.add(tag)
             name = TYPES[kind] if 0 < kind < len(TYPES) else f"number {kind}"
-            if (own := KINDS.get(name, name)) not in (*SOLIDS, *FLAT):
+            if (shape := KINDS.get(name, name)) not in (*SOLIDS, *FLAT):
                 remedy = " (in gmsh Mesh.SecondOrderIncomplete = 1)" * (name == "hexahedron27")
                 draft.fail(f"elements of the type {name} are not computed{remedy}: {NOT_COMPUTED}", line)
-            if len(cells) != (size := SOLIDS.get(own) or FLAT[own]):
-                draft.fail(f"element {number} has {len(cells)} nodes; a {own} has {size}", line)
+            if len(cells) != (size := SOLIDS.get(shape) or FLAT[shape]):
+                draft.fail(f"element {number} has {len(cells)} nodes; a {shape} has {size}", line)
             if not again:
-                draft.element(number, number, own, [cells[i] for i in ORDERS.get(own, range(size))], line)
-            dimension = 3 if own in SOLIDS else 0 if own == "vertex" else 1 if own.startswith("line") else 2
+                draft.element(number, number, shape, [cells[i] for i in ORDERS.get(shape, range(size))], line)
+            dimension = 3 if shape in SOLIDS else 0 if shape == "vertex" else 1 if shape.startswith("line") else 2
             for tag in filter(None, map(abs, tags)):
                 draft.groups.setdefault(names.get((dimension, tag), f"group_{tag}"), []).append(number)
 
@@ -210,17 +210,17 @@ def _read_binary(draft: Draft) -> None:
     except ImportError:
         raise UnsupportedError("a binary .msh file is read with meshio: pip install 'armflex[fem]'") from None
     try:
-        found: Any = meshio.gmsh.read(draft.path)
+        mesh: Any = meshio.gmsh.read(draft.path)
     except Exception as error:  # meshio raises whatever its parsers do
         text = f"is no gmsh mesh that meshio reads ({type(error).__name__}: {error})"
         draft.fail(f"{text}: in gmsh Mesh.Binary = 0, Mesh.SaveParametric = 0, Mesh.NbPartitions = 0")
-    for key, place in enumerate(found.points):
+    for key, place in enumerate(mesh.points):
         if not np.isfinite(place).all():
             draft.fail(f"the place of node {key + 1} is not finite")
         draft.node(key, key + 1, place, 0)
-    names = {(int(tag), int(size)): name for name, (tag, size) in found.field_data.items()}
-    tags = found.cell_data.get("gmsh:physical", [[0] * len(cells) for cells in found.cells])
-    for place, (cells, groups) in enumerate(zip(found.cells, tags, strict=True)):
+    names = {(int(tag), int(size)): name for name, (tag, size) in mesh.field_data.items()}
+    tags = mesh.cell_data.get("gmsh:physical", [[0] * len(cells) for cells in mesh.cells])
+    for place, (cells, groups) in enumerate(zip(mesh.cells, tags, strict=True)):
         if (kind := KINDS.get(cells.type, cells.type)) not in (*SOLIDS, *FLAT):
             draft.fail(f"elements of the type {kind} are not computed: {NOT_COMPUTED}")
         first = len(draft.elements)
@@ -231,8 +231,8 @@ def _read_binary(draft: Draft) -> None:
             draft.element(key, key + 1, kind, nodes, 0)
             if tag:
                 draft.groups.setdefault(names.get((tag, cells.dim), f"group_{tag}"), []).append(key)
-        for name in found.field_data.keys() & found.cell_sets.keys():  # of more groups than one, meshio's tags have one
-            draft.groups.setdefault(name, []).extend((first + found.cell_sets[name][place]).tolist())
+        for name in mesh.field_data.keys() & mesh.cell_sets.keys():  # of more groups than one, meshio's tags have one
+            draft.groups.setdefault(name, []).extend((first + mesh.cell_sets[name][place]).tolist())
 
 
 def mesh_step(path: Path, size: float, order: int = 2) -> Mesh:
@@ -265,8 +265,8 @@ def mesh_step(path: Path, size: float, order: int = 2) -> Mesh:
         groups: dict[tuple[int, str], list[int]] = {}
         for dimension, tag in [*gmsh.model.getEntities(3), *gmsh.model.getEntities(2)]:
             groups[dimension, f"{'solid' if dimension == 3 else 'face'}_{tag}"] = [tag]
-            if dimension == 2 and (own := gmsh.model.getEntityName(2, tag).rpartition("/")[2]):
-                groups.setdefault((2, own), []).append(tag)
+            if dimension == 2 and (group := gmsh.model.getEntityName(2, tag).rpartition("/")[2]):
+                groups.setdefault((2, group), []).append(tag)
         for (dimension, name), tags in groups.items():
             gmsh.model.addPhysicalGroup(dimension, tags, name=name)
         for bound in ("Min", "Max"):
@@ -275,11 +275,11 @@ def mesh_step(path: Path, size: float, order: int = 2) -> Mesh:
         gmsh.model.mesh.setOrder(order)
         with scratch() as folder:
             gmsh.write(str(folder / f"{path.stem}.msh"))
-            found = read_msh(folder / f"{path.stem}.msh")
+            mesh = read_msh(folder / f"{path.stem}.msh")
     except MeshError:
         raise
     except Exception as error:  # gmsh raises plain exceptions
         raise MeshError(Place(path), f"gmsh cannot mesh it: {error}") from None
     finally:
         gmsh.finalize()
-    return replace(found, path=path, lines=np.zeros_like(found.lines))
+    return replace(mesh, path=path, lines=np.zeros_like(mesh.lines))

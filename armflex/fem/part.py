@@ -114,14 +114,14 @@ class Part(Result):
     def stiffness(self) -> Array:
         """(6 n, 6 n) load by motion of the loaded interfaces, the fixed one held [N/m, Nm/rad and mixed]."""
         root = np.sqrt(np.diag(self.compliance))
-        found = np.linalg.inv(self.compliance / np.outer(root, root)) / np.outer(root, root)
-        return 0.5 * (found + found.T)
+        stiffness = np.linalg.inv(self.compliance / np.outer(root, root)) / np.outer(root, root)
+        return 0.5 * (stiffness + stiffness.T)
 
     def seen_from(self, place: pin.SE3) -> Array:
         """Return the (6 n, 6 n) compliance in other axes and at their origin, of which `place` is the interfaces'."""
         action = np.kron(np.eye(len(self.loaded)), place.action)
-        found = action @ self.compliance @ action.T
-        return 0.5 * (found + found.T)
+        compliance = action @ self.compliance @ action.T
+        return 0.5 * (compliance + compliance.T)
 
     def sag(self, gravity: Array) -> Array:
         """Return the (6 n,) motion of the interfaces [m, rad] under the part's weight, gravity (3,) [m/s^2]."""
@@ -199,14 +199,14 @@ def read_part(path: Path) -> Part:
     if not 1 <= len(names) <= MOST:
         raise table.fail("loaded", f"expected 1 to {MOST} names, got {len(names)}")
     arrays: dict[str, Any] = {name: table.numbers(name, shape) for name, shape in _shapes(len(names)).items()}
-    own, frequencies = arrays["compliance"], table.raw("frequencies_hz")
-    root = np.sqrt(np.diag(own).clip(1e-300))
-    scaled = own / np.outer(root, root)
+    compliance, frequencies = arrays["compliance"], table.raw("frequencies_hz")
+    root = np.sqrt(np.diag(compliance).clip(1e-300))
+    scaled = compliance / np.outer(root, root)
     if np.abs(scaled - scaled.T).max() > SYMMETRIC or np.linalg.eigvalsh(0.5 * (scaled + scaled.T))[0] <= 0.0:
         raise table.fail("compliance", "is not symmetric and positive definite")
-    arrays["compliance"] = 0.5 * (own + own.T)
+    arrays["compliance"] = 0.5 * (compliance + compliance.T)
     count = len(frequencies) if isinstance(frequencies, list) else 0
-    found = Part(
+    part = Part(
         mesh=table.text("mesh"),
         sha256=table.text("sha256", ""),
         nodes=int(table.number("nodes", 0.0)),
@@ -219,6 +219,6 @@ def read_part(path: Path) -> Part:
         **arrays,
     )
     table.finish()
-    if found.mass < 0.0:
-        raise table.fail("mass", f"expected 0 kg or more, got {found.mass:g}")
-    return found
+    if part.mass < 0.0:
+        raise table.fail("mass", f"expected 0 kg or more, got {part.mass:g}")
+    return part

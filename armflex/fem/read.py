@@ -40,8 +40,8 @@ def read_mesh(
     """
     suffix = path.suffix.lower()
     if suffix not in (*READERS, *STEP):
-        known, named = (*READERS, *STEP, *SUFFIXES), suffix or "a file without a suffix"
-        raise MeshError(Place(path), f"{named} is no mesh{did_you_mean(suffix, known)} (known: {listing(known)})")
+        suffixes, named = (*READERS, *STEP, *SUFFIXES), suffix or "a file without a suffix"
+        raise MeshError(Place(path), f"{named} is no mesh{did_you_mean(suffix, suffixes)} (known: {listing(suffixes)})")
     try:
         check_file(path, MOST_BYTES)
     except OSError as error:
@@ -52,10 +52,10 @@ def read_mesh(
         )
         raise InputError(f"{path} {text}")
     if size is not None:
-        found = mesh_step(path, size)
+        mesh = mesh_step(path, size)
     else:
         read = partial(read_inp, springs=springs) if suffix == ".inp" else READERS[suffix]
-        found = read(path, unit)
-    if found.beyond and not young is poisson is density is None:
+        mesh = read(path, unit)
+    if mesh.beyond and not young is poisson is density is None:
         raise InputError(f"{path}: CalculiX reads this model as it stands: write its material there")
-    return with_material(found, young, poisson, density)
+    return with_material(mesh, young, poisson, density)

@@ -57,11 +57,11 @@ class Study:
 
 def random_loads(count: int, forces: tuple[float, float], moments: tuple[float, float], seed: int) -> Array:
     """Return (N, 6) loads [N, Nm]: of any direction, of a size between two bounds."""
-    rng, found = np.random.default_rng(seed), []
+    rng, loads = np.random.default_rng(seed), []
     for bounds in (forces, moments):
         directions, sizes = rng.normal(size=(count, 3)), rng.uniform(*bounds, size=(count, 1))
-        found.append(sizes * directions / np.linalg.norm(directions, axis=1, keepdims=True))
-    return np.hstack(found)
+        loads.append(sizes * directions / np.linalg.norm(directions, axis=1, keepdims=True))
+    return np.hstack(loads)
 
 
 def study(
@@ -128,8 +128,8 @@ def study(
                 said = ran.stdout.decode(errors="replace").splitlines()
                 problem = next((line.strip() for line in said if "*ERROR" in line), "no message")
                 raise ConvergenceError(f"{mesh.path}: CalculiX did not solve load {row + 1}: {problem}", ())
-            found = np.concatenate([moved[node] for node in read])
-            shift, turn = (found if interface == "rigid" else found @ spread).reshape(2, 3)
+            displacements = np.concatenate([moved[node] for node in read])
+            shift, turn = (displacements if interface == "rigid" else displacements @ spread).reshape(2, 3)
             turn = turn if interface == "rigid" else length * turn
             twists[row] = pin.log6(pin.SE3(pin.exp3(turn), length * shift)).vector
     return Study(loads, twists, "calculix", mesh.flags)
@@ -137,15 +137,15 @@ def study(
 
 def _printed(path: Path) -> dict[int, Array]:
     """Return the displacements by node that CalculiX printed at the end of the step, at time 1."""
-    found: dict[int, Array] = {}
+    displacements: dict[int, Array] = {}
     ended = False
     for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
         cells = line.split()
         if line.lstrip().startswith("displacements"):
             ended = abs(float(cells[-1]) - 1.0) < 1e-6
         elif ended and len(cells) == 4:
-            found[int(cells[0])] = np.array([float(cell) for cell in cells[1:]])
-    return found
+            displacements[int(cells[0])] = np.array([float(cell) for cell in cells[1:]])
+    return displacements
 
 
 def _model(mesh: Mesh, ids: np.ndarray) -> list[str]:
@@ -165,9 +165,9 @@ def _model(mesh: Mesh, ids: np.ndarray) -> list[str]:
         lines.append(f"*ELEMENT, TYPE={block.kind}, ELSET=E{place}")
         for row in np.column_stack([10_000_000 * place + 1 + np.arange(len(block.ids)), ids[block.nodes]]).tolist():
             lines.append(",\n".join(str(row[start : start + 12])[1:-1] for start in range(0, len(row), 12)))
-        own = block.material
-        assert own is not None
-        lines += [f"*MATERIAL, NAME=M{place}", "*ELASTIC", f"{own.young:.12e}, {own.poisson:.12e}"]
-        lines += ["*DENSITY", f"{own.density:.12e}"] if own.density else []
+        material = block.material
+        assert material is not None
+        lines += [f"*MATERIAL, NAME=M{place}", "*ELASTIC", f"{material.young:.12e}, {material.poisson:.12e}"]
+        lines += ["*DENSITY", f"{material.density:.12e}"] if material.density else []
         lines.append(f"*SOLID SECTION, ELSET=E{place}, MATERIAL=M{place}")
     return lines

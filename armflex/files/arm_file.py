@@ -258,12 +258,16 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
 
 def _along(robot: Robot, bent: Sequence[Flexure], declared: Sequence[Flexure]) -> list[Flexure]:
     """Return flexures as they were declared, and those of links that bend ahead of the first that is farther out."""
-    order, found = [joint.name for joint in robot.places], list(declared)
+    order, flexures = [joint.name for joint in robot.places], list(declared)
     for link in bent:
-        own = order.index(link.joint or order[0])
-        beyond = (i for i, one in enumerate(found) if one.joint and order.index(one.joint) >= own and one not in bent)
-        found.insert(next(beyond, len(found)), link)
-    return found
+        place = order.index(link.joint or order[0])
+        beyond = (
+            i
+            for i, flexure in enumerate(flexures)
+            if flexure.joint and order.index(flexure.joint) >= place and flexure not in bent
+        )
+        flexures.insert(next(beyond, len(flexures)), link)
+    return flexures
 
 
 def _with_effects(arm: Arm, tables: list[Declaration]) -> Arm:
@@ -278,11 +282,11 @@ def _with_effects(arm: Arm, tables: list[Declaration]) -> Arm:
         weighed = [("payload", name, arm.payloads[name].mass, mass) for name, mass in masses.items()]
         for name, extra in setup.arm.corrections.bodies.items():
             inertial = arm.robot.urdf.links[name].inertial
-            own = inertial.mass if inertial else 0.0
-            weighed.append(("link", name, own, own + float(extra[0])))
-        for kind, name, own, mass in weighed:
+            declared_mass = inertial.mass if inertial else 0.0
+            weighed.append(("link", name, declared_mass, declared_mass + float(extra[0])))
+        for kind, name, declared_mass, mass in weighed:
             if mass < 0.0:
-                text = f"{kind} {name!r} of {own:g} kg would weigh {mass:g} kg, expected 0 kg or more"
+                text = f"{kind} {name!r} of {declared_mass:g} kg would weigh {mass:g} kg, expected 0 kg or more"
                 raise table.fail("parameters", text)
     return setup.arm if setup.instrument is start.instrument else replace(setup.arm, instrument=setup.instrument)
 
@@ -347,9 +351,9 @@ def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, tuple[float | 
         text = f"base {robot.base!r} moves with joint {moving.name!r}: gravity is constant in the axes of that base"
         flags.append(Flag("moving_base", f"{table.place('base')}: {text}"))
     size = 0.0 if tool is None else float(np.linalg.norm(tool.translation))
-    if size > max(own := robot.reach - size, 1.0):
+    if size > max(rest := robot.reach - size, 1.0):
         text = f"it ends {size:g} m from {tip!r}, more than the arm's reach: millimetres?"
-        if size > MILLIMETRES * max(own, 1.0):
+        if size > MILLIMETRES * max(rest, 1.0):
             raise table.fail("tool", text)
         flags.append(Flag("long", f"{table.place('tool')}: [robot] tool: {text}"))
     return robot, (rating, damping), tuple(flags)
@@ -360,7 +364,9 @@ def _read_pose(table: Declaration, key: str, keys: tuple[str, ...]) -> pin.SE3 |
     if not table.has(key):
         return None
     given = table.sub(key)
-    xyz, rpy = (given.numbers(one, (3,)) if one in keys and given.has(one) else np.zeros(3) for one in ("xyz", "rpy"))
+    xyz, rpy = (
+        given.numbers(part, (3,)) if part in keys and given.has(part) else np.zeros(3) for part in ("xyz", "rpy")
+    )
     given.finish()
     if not given.table:
         raise table.fail(key, f"expected {' and '.join(keys)}, 3 numbers each")
@@ -381,7 +387,7 @@ def _read_payload(name: str, table: Declaration) -> Payload:
 
 
 def _read_flexure(name: str, table: Declaration, robot: Robot) -> Flexure:
-    places = {one.name: one for one in robot.places}
+    places = {joint.name: joint for joint in robot.places}
     where = "between base and tip" + " or in a loop" * bool(robot.linkage.closures)
     joint = table.choice("joint", places, problem=f"no joint {{!r}} {where}")
     if table.has("joint_stiffness"):
@@ -440,9 +446,9 @@ def _read_prior(table: Declaration) -> Prior:
 
 def _check_each(table: Declaration, arm: Arm) -> None:
     """Raise `ArmFileError` where [prior.each] names what is no parameter of the arm, or one that [prior] fixes."""
-    known = {
-        one.label: one
-        for one in (
+    parameters = {
+        parameter.label: parameter
+        for parameter in (
             *of_offsets(arm.robot),
             *of_motions(ParameterKind.GEOMETRY, arm.robot.frames),
             *of_masses(arm.weighing),
@@ -452,10 +458,10 @@ def _check_each(table: Declaration, arm: Arm) -> None:
     }
     each = table.sub("each")
     for label in arm.prior.each:
-        if label not in known:
-            raise each.fail(label, f"the arm has no parameter {label!r}{did_you_mean(label, known)}")
-        if not replace(arm.prior, each={}).of(known[label])[1]:
-            raise each.fail(label, f"[prior] does not free its kind: {known[label].group.kind}")
+        if label not in parameters:
+            raise each.fail(label, f"the arm has no parameter {label!r}{did_you_mean(label, parameters)}")
+        if not replace(arm.prior, each={}).of(parameters[label])[1]:
+            raise each.fail(label, f"[prior] does not free its kind: {parameters[label].group.kind}")
 
 
 def _freed(flexure: Flexure, young: float, robot: Robot) -> Flexure:
@@ -469,10 +475,10 @@ def _freed(flexure: Flexure, young: float, robot: Robot) -> Flexure:
 
 def _long(robot: Robot, springs: Sequence[Spring]) -> Iterator[Flag]:
     """Yield a flag about each point of a loop, a cylinder or a spring that is farther away than the arm reaches."""
-    for one in (*robot.linkage.loops, *robot.linkage.cylinders, *springs):
-        for key, link, point in (("at", one.link, one.at), ("at_to", one.to, one.at_to)):
+    for tie in (*robot.linkage.loops, *robot.linkage.cylinders, *springs):
+        for key, link, point in (("at", tie.link, tie.at), ("at_to", tie.to, tie.at_to)):
             if robot.times_reach(apart := float(np.linalg.norm(point))) > 1.0:
-                text = f"{one.name!r}: {key} is {apart:.3g} m from the origin of {link!r}"
+                text = f"{tie.name!r}: {key} is {apart:.3g} m from the origin of {link!r}"
                 yield Flag("long", f"{text}, and the arm reaches {robot.reach:.3g} m: millimetres? Taken as metres")
 
 
@@ -480,18 +486,18 @@ def _questions(flexures: tuple[Flexure, ...], robot: Robot, stated: Sequence[str
     """Yield flags about how the flexures give, and how well that is known; `stated` are those by a joint_stiffness."""
     row = anywhere(robot)
     for joint in robot.moving:
-        own = [flexure for flexure in flexures if flexure.joint == joint.name and not flexure.before]
+        at_joint = [flexure for flexure in flexures if flexure.joint == joint.name and not flexure.before]
         drive = drive_of(joint)
         same = np.flatnonzero([drive[:3].any()] * 3 + [drive[3:].any()] * 3)
-        given = sum((np.abs(flexure.law.tangent(np.zeros(6), row)) for flexure in own), np.zeros((6, 6)))
+        given = sum((np.abs(flexure.law.tangent(np.zeros(6), row)) for flexure in at_joint), np.zeros((6, 6)))
         along, others = float(drive @ given @ drive), np.diag(given)[same]
         # A joint that tilts or twists has a drive that does, too; one axis alone is a mistaken one.
-        if own and along <= RIGID * others.max() and np.count_nonzero(others > RIGID * others.max()) == 1:
+        if at_joint and along <= RIGID * others.max() and np.count_nonzero(others > RIGID * others.max()) == 1:
             axis, wanted = TWIST_NAMES[same[int(others.argmax())]], np.round(drive[same], 3).tolist()
             nearest = drive_axis(joint)
             text = f"gives about {axis} alone, but the axis of its joint {joint.name!r} is {nearest} ({wanted})"
             remark = f"meant to be {nearest}? joint_stiffness is about the joint's own axis"
-            yield Flag("not_the_drive", f"flexure {own[0].name!r} {text}: {remark}")
+            yield Flag("not_the_drive", f"flexure {at_joint[0].name!r} {text}: {remark}")
     # A joint_stiffness in another unit shows by how far the arm's own weight would turn the joint.
     places = [joint.name for joint in robot.chain]
     for flexure in flexures:
@@ -501,9 +507,11 @@ def _questions(flexures: tuple[Flexure, ...], robot: Robot, stated: Sequence[str
         drive = drive_of(beyond[0])
         if drive[:3].any():
             continue
-        carried = [one for name in robot.urdf.below(beyond[0].child) if (one := robot.urdf.links[name].inertial)]
+        carried = [
+            inertial for name in robot.urdf.below(beyond[0].child) if (inertial := robot.urdf.links[name].inertial)
+        ]
         arm_length = 0.5 * sum(float(np.linalg.norm(joint.origin)) for joint in beyond[1:])
-        moment = sum(one.mass for one in carried) * float(np.linalg.norm(robot.gravity)) * arm_length
+        moment = sum(inertial.mass for inertial in carried) * float(np.linalg.norm(robot.gravity)) * arm_length
         softest = float(drive @ flexure.law.tangent(np.zeros(6), row) @ drive)
         if (turn := moment * softest) > SAGS or softest > SOFTEST[1]:
             text = f"joint_stiffness {1.0 / softest:.4g} Nm/rad lets it turn by {np.degrees(turn):.3g} degrees under "
@@ -514,7 +522,7 @@ def _questions(flexures: tuple[Flexure, ...], robot: Robot, stated: Sequence[str
     exact = [flexure.name for flexure in flexures if not flexure.law.uncertain and flexure.law.gives(row)]
     if exact and any(flexure.law.uncertain for flexure in flexures):  # the sum would look too sure
         text = f"only some flexures have a relative_std; taken as exactly known: {listing(exact)}"
-        meshed = any(isinstance(one.law, MeshedLaw) for one in flexures if one.name in exact)
+        meshed = any(isinstance(flexure.law, MeshedLaw) for flexure in flexures if flexure.name in exact)
         text += " (of a part from a mesh: `armflex fem --young-std`)" if meshed else ""
         yield Flag("partly_certain", text)
 
@@ -577,7 +585,7 @@ def _check_declared(arm: Arm, source: Source, document: Any, fitted: Mapping[str
     values = {name: value for name, value in fitted.items() if name not in certain}
     declared = _read(Declaration({**document.unwrap(), "calibration": values}, (), source), None, False)
     if declared.prior != arm.prior:
-        stds = {one.name: getattr(arm.prior, one.name) for one in fields(Prior)}
+        stds = {field.name: getattr(arm.prior, field.name) for field in fields(Prior)}
         document["prior"] = {name: value for name, value in plain(stds).items() if value}
     if declared.measurement != arm.measurement:
         document["measurement"] = dict(vars(arm.measurement))
@@ -588,33 +596,34 @@ def _check_declared(arm: Arm, source: Source, document: Any, fitted: Mapping[str
 
 
 DECLARED: dict[str, Callable[[Arm], Any]] = {
-    "joints": lambda arm: [(one.name, one.kind, one.origin, one.rotation) for one in arm.robot.places],
+    "joints": lambda arm: [(joint.name, joint.kind, joint.origin, joint.rotation) for joint in arm.robot.places],
     "ends": lambda arm: (arm.robot.base, arm.robot.tip, arm.robot.gravity),
     "links": lambda arm: [
-        (name, one.inertial and (one.inertial.mass, one.inertial.origin)) for name, one in arm.robot.urdf.links.items()
+        (name, link.inertial and (link.inertial.mass, link.inertial.origin))
+        for name, link in arm.robot.urdf.links.items()
     ],
-    "payloads": lambda arm: [(name, one.mass, one.com) for name, one in arm.payloads.items()],
+    "payloads": lambda arm: [(name, payload.mass, payload.com) for name, payload in arm.payloads.items()],
     "flexures": lambda arm: [
-        (one.name, one.joint, one.law.tangent(np.zeros(6), anywhere(arm.robot))) for one in arm.flexures
+        (flexure.name, flexure.joint, flexure.law.tangent(np.zeros(6), anywhere(arm.robot))) for flexure in arm.flexures
     ],
     "springs, instruments or effects": lambda arm: (
-        [one.name for one in arm.springs],
+        [spring.name for spring in arm.springs],
         list(arm.sensors),
-        [one.title for one in arm.effects],
+        [effect.title for effect in arm.effects],
     ),
     "payload_rating and damping_ratio": lambda arm: (arm.payload_rating, arm.damping_ratio),
 }
 """What a file must say of an arm as the arm does, by name."""
 
 
-def _close(one: Any, other: Any) -> bool:
+def _close(value: Any, other: Any) -> bool:
     """Return whether two values are the same but for rounding."""
-    if isinstance(one, list | tuple) and isinstance(other, list | tuple):
-        return len(one) == len(other) and all(map(_close, one, other))
-    if isinstance(one, np.ndarray | float) and isinstance(other, np.ndarray | float):
-        size = float(np.abs(one).max(initial=0.0))
-        return np.shape(one) == np.shape(other) and bool(np.allclose(other, one, rtol=0.0, atol=WRITTEN * size))
-    return one == other
+    if isinstance(value, list | tuple) and isinstance(other, list | tuple):
+        return len(value) == len(other) and all(map(_close, value, other))
+    if isinstance(value, np.ndarray | float) and isinstance(other, np.ndarray | float):
+        size = float(np.abs(value).max(initial=0.0))
+        return np.shape(value) == np.shape(other) and bool(np.allclose(other, value, rtol=0.0, atol=WRITTEN * size))
+    return value == other
 
 
 def write_prior(declared: Path, each: Mapping[str, tuple[float, float]], path: Path) -> Path:

@@ -118,19 +118,20 @@ def calibration_table(arm: Arm, campaign: Campaign, unfinished: bool = False) ->
         ]
     if arm.masses:
         table["mass"] = dict(arm.masses)
-    springs = {one.name: list(one.law.found) for one in arm.springs if any(one.law.found)}
+    springs = {spring.name: list(spring.law.found) for spring in arm.springs if any(spring.law.found)}
     if springs:
         table["spring"] = springs
     if instrument.targets:
         table["targets"] = {name: values.tolist() for name, values in instrument.targets.items()}
     if instrument.campaigns:
         table["campaigns"] = list(instrument.campaigns)
-    found = {name: one.found for name, one in arm.sensors.items() if one.found}
-    if found:
+    deviations = {name: sensor.found for name, sensor in arm.sensors.items() if sensor.found}
+    if deviations:
         table["sensors"] = {
-            name: {session: values.tolist() for session, values in own.items()} for name, own in found.items()
+            name: {session: values.tolist() for session, values in by_session.items()}
+            for name, by_session in deviations.items()
         }
-    laws = {one.name: law_table(one.learned) for one in arm.flexures if one.learned}
+    laws = {flexure.name: law_table(flexure.learned) for flexure in arm.flexures if flexure.learned}
     return table | ({"law": laws} if laws else {}) | certainty_table(arm.certainty)
 
 
@@ -140,7 +141,7 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
     Raises:
         ArmFileError: A value is of the wrong shape, or names a joint or flexure that the arm does not have.
     """
-    springs, sensors = {one.name: one for one in arm.springs}, dict(arm.sensors)
+    springs, sensors = {spring.name: spring for spring in arm.springs}, dict(arm.sensors)
     offset, geometry, compliance = (table.sub(name) for name in ("joint_offset", "geometry", "compliance"))
     laws, mass, spring, read = (table.part(name) for name in ("law", "mass", "spring", "sensors"))
     for part, what, names in (
@@ -164,12 +165,12 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
     for key in ("rows", "rms_m"):  # of which, as of the digest, nothing is computed
         if table.number(key, 0.0) < 0.0:
             raise table.fail(key, f"expected 0 or more, got {table.number(key):g}")
-    clock = tuple(_read_period(one) for one in (table.array_of("clock") if table.has("clock") else ()))
+    clock = tuple(_read_period(period) for period in (table.array_of("clock") if table.has("clock") else ()))
     flags = (Flag("unfinished", f"{table.place()}: {UNFINISHED}"),) if table.flag("unfinished") else ()
     factors = compliance.by_name(6)
-    for name, found in factors.items():
-        if np.abs(found).max() > LARGEST_LOGARITHM:
-            text = f"logarithms of factors, none beyond {LARGEST_LOGARITHM:g}, got {found.tolist()}"
+    for name, logarithms in factors.items():
+        if np.abs(logarithms).max() > LARGEST_LOGARITHM:
+            text = f"logarithms of factors, none beyond {LARGEST_LOGARITHM:g}, got {logarithms.tolist()}"
             raise compliance.fail(name, text)
     masses = {name: mass.number(name) for name in mass.table}
     for name, value in masses.items():
@@ -242,9 +243,11 @@ def with_certainty(table: Declaration, arm: Arm) -> Arm:
     table.finish()
     if certainty is None:
         return arm
-    learned = {one.name: one.learned for one in arm.flexures if one.learned}
+    learned = {flexure.name: flexure.learned for flexure in arm.flexures if flexure.learned}
     laws = {name: replace(law, posterior=certainty.among(of_law(name, law))) for name, law in learned.items()}
-    changed = [replace(one, law=laws[one.name]) if one.name in laws else one for one in arm.flexures]
+    changed = [
+        replace(flexure, law=laws[flexure.name]) if flexure.name in laws else flexure for flexure in arm.flexures
+    ]
     return replace(arm, flexures=tuple(changed), certainty=certainty)
 
 
@@ -252,25 +255,34 @@ def doubts(table: Declaration, arm: Arm) -> Iterator[Flag]:
     """Yield flags about what [calibration] made of an arm that no campaign is likely to have shown."""
     corrections, tool = arm.corrections, np.zeros(3) if arm.instrument is None else arm.instrument.target
     offsets = of_offsets(arm.robot)
-    found = [
-        (offsets, [corrections.joint_offset.get(str(one.group.of), 0.0) for one in offsets], arm.prior.joint_offset)
+    deviating = [
+        (
+            offsets,
+            [corrections.joint_offset.get(str(offset.group.of), 0.0) for offset in offsets],
+            arm.prior.joint_offset,
+        )
     ]
     for name, values in corrections.geometry.items():
-        found.append((of_motions(ParameterKind.GEOMETRY, [name]), values.tolist(), arm.prior.geometry))
-    found += [(of_compliance(name), values.tolist(), arm.prior.compliance) for name, values in arm.factors.items()]
+        deviating.append((of_motions(ParameterKind.GEOMETRY, [name]), values.tolist(), arm.prior.geometry))
+    deviating += [(of_compliance(name), values.tolist(), arm.prior.compliance) for name, values in arm.factors.items()]
     for name, value in arm.masses.items():
-        found.append(
+        deviating.append(
             (of_masses([name]), [value], getattr(arm.prior, "payload_mass" if name.startswith(CARRIED) else "mass"))
         )
-    for one in of_springs(arm.springs):
-        found.append(((one,), [arm.found(one)], arm.prior.of(one)[1]))
-    found.append((TARGET, tool.tolist(), arm.prior.tool))
+    for parameter in of_springs(arm.springs):
+        deviating.append(((parameter,), [arm.found(parameter)], arm.prior.of(parameter)[1]))
+    deviating.append((TARGET, tool.tolist(), arm.prior.tool))
     sizes = [
-        (one.label, abs(value) / std) for some, own, std in found if std for one, value in zip(some, own, strict=True)
+        (parameter.label, abs(value) / std)
+        for parameters, values, std in deviating
+        if std
+        for parameter, value in zip(parameters, values, strict=True)
     ]
     unknown = () if arm.certainty is None else arm.certainty.undetermined  # their values say nothing
     yield from beyond_priors({label: size for label, size in sizes if label not in unknown})
-    yield from soft((one for one in arm.flexures if one.name in arm.factors), anywhere(arm.robot), arm.flags)
+    yield from soft(
+        (flexure for flexure in arm.flexures if flexure.name in arm.factors), anywhere(arm.robot), arm.flags
+    )
     if arm.certainty is not None and (moved := _displaced(arm.certainty.parameters, offsets)):
         text = f"{moved.label!r} is not where a fit writes it: are names of parameters exchanged?"
         yield Flag("parameters_exchanged", f"{table.place('parameters')}: {text}", moved.label)
@@ -279,24 +291,24 @@ def doubts(table: Declaration, arm: Arm) -> Iterator[Flag]:
 def _displaced(parameters: Sequence[ArmParameter], offsets: Sequence[ArmParameter]) -> ArmParameter | None:
     """Return the first parameter that is apart from its group, or before others that a fit has before it."""
     met: set[Group] = set()
-    for before, one in pairwise(parameters):
+    for before, parameter in pairwise(parameters):
         met.add(before.group)
-        for order in (offsets, of_motions(one.group.kind, [one.group.of])):
-            if before in order and one in order and order.index(one) < order.index(before):
-                return one
-        if one.group != before.group and one.group in met:
-            return one
+        for order in (offsets, of_motions(parameter.group.kind, [parameter.group.of])):
+            if before in order and parameter in order and order.index(parameter) < order.index(before):
+                return parameter
+        if parameter.group != before.group and parameter.group in met:
+            return parameter
     return None
 
 
 def law_table(law: LearnedLaw) -> dict[str, Any]:
     """Return the table of a learned law."""
-    found = {"values": law.values.tolist(), "scales": list(law.scales)}
-    found |= {name: getattr(law.seen, name).tolist() for name in SHAPES}
+    content = {"values": law.values.tolist(), "scales": list(law.scales)}
+    content |= {name: getattr(law.seen, name).tolist() for name in SHAPES}
     if law.reach is None:
-        return found
-    found |= {"reach": law.reach.tolist(), "faded": law.seen.faded}
-    return found | ({} if law.seen.energy is None else {"energy": law.seen.energy.tolist()})
+        return content
+    content |= {"reach": law.reach.tolist(), "faded": law.seen.faded}
+    return content | ({} if law.seen.energy is None else {"energy": law.seen.energy.tolist()})
 
 
 def read_learned(flexure: Flexure, table: Declaration) -> Flexure:
@@ -339,21 +351,21 @@ def read_learned(flexure: Flexure, table: Declaration) -> Flexure:
     return replace(flexure, law=law)
 
 
-def _positive(table: Declaration, key: str, found: Array) -> None:
-    if not (found > 0.0).all():
-        raise table.fail(key, f"expected numbers above 0, got {found.min():g}")
+def _positive(table: Declaration, key: str, numbers: Array) -> None:
+    if not (numbers > 0.0).all():
+        raise table.fail(key, f"expected numbers above 0, got {numbers.min():g}")
 
 
-def _not_below_zero(table: Declaration, key: str, found: Array) -> None:
-    if (found < 0.0).any():
-        raise table.fail(key, f"expected no number below 0, got {found.min():g}")
+def _not_below_zero(table: Declaration, key: str, numbers: Array) -> None:
+    if (numbers < 0.0).any():
+        raise table.fail(key, f"expected no number below 0, got {numbers.min():g}")
 
 
-def _definite(table: Declaration, key: str, found: Array) -> None:
+def _definite(table: Declaration, key: str, matrix: Array) -> None:
     """Raise where a (6, 6) matrix of forces and moments, in units of its own diagonal, is none of a distance."""
-    size = np.sqrt(np.maximum(np.diag(found), 0.0))
+    size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     unit = np.where(size > 0.0, size, 1.0)
-    scaled = found / np.outer(unit, unit)
+    scaled = matrix / np.outer(unit, unit)
     if np.abs(scaled - scaled.T).max() > ROUNDING or np.linalg.eigvalsh(scaled)[0] < -ROUNDING:
         raise table.fail(key, "expected a symmetric matrix without negative eigenvalues")
 
@@ -384,7 +396,7 @@ def certainty_table(certainty: Certainty) -> dict[str, Any]:
     if certainty.design_effect > 1.0:
         table["design_effect"] = certainty.design_effect
     if certainty.unexplained:
-        every = [dict(zip(("site", "axis", "std"), one, strict=True)) for one in certainty.unexplained]
+        every = [dict(zip(("site", "axis", "std"), term, strict=True)) for term in certainty.unexplained]
         table["unexplained"] = every if len(every) > 1 else every[0]
     table["parameters"] = list(certainty.labels)
     if certainty.directions is not None:
@@ -447,14 +459,14 @@ def read_certainty(table: Declaration, arm: Arm) -> Certainty | None:
         expected = f"rows of {len(labels)} finite numbers, one for each of the parameters"
         directions = np.array(table.ragged("undetermined", lengths, expected))
         directions = directions if len(directions) else None
-    known = np.ones(len(labels), dtype=bool) if directions is None else ~directions.any(axis=0)
-    if (known & (np.diag(covariance) == 0.0)).any():
-        label = labels[int((known & (np.diag(covariance) == 0.0)).argmax())]
+    determined = np.ones(len(labels), dtype=bool) if directions is None else ~directions.any(axis=0)
+    if (determined & (np.diag(covariance) == 0.0)).any():
+        label = labels[int((determined & (np.diag(covariance) == 0.0)).argmax())]
         raise table.fail(key, f"the variance of {label!r} is zero, which no campaign leaves")
     unexplained = []
     several = isinstance(table.table.get("unexplained"), list)
-    one = [table.sub("unexplained")] if table.has("unexplained") and not several else []
-    for part in table.array_of("unexplained") if several else one:
+    single = [table.sub("unexplained")] if table.has("unexplained") and not several else []
+    for part in table.array_of("unexplained") if several else single:
         site, axis = part.choice("site", site_names(arm.robot)), part.choice("axis", TWIST_NAMES)
         unexplained.append((site, axis, part.std("std")))
         part.finish()
@@ -466,10 +478,10 @@ def _from_file(table: Declaration, labels: tuple[str, ...]) -> Array:
     path = table.path.parent / table.text("covariance_file")
     digest = table.text("covariance_sha256")
     try:
-        found = read_arrays(path, LAYOUT)
+        content = read_arrays(path, LAYOUT)
     except FileError as error:
         raise table.fail("covariance_file", f"{path.name} {error.problem}") from None
-    if found.digest != digest or found.about["parameters"] != labels:
+    if content.digest != digest or content.about["parameters"] != labels:
         problem = f"{path.name} is not the file that was written with this table: {LAYOUT.anew}"
         raise table.fail("covariance_file", problem)
-    return found.arrays["covariance"]
+    return content.arrays["covariance"]

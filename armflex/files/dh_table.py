@@ -107,26 +107,26 @@ def _slid(joints: Mapping[str, Joint]) -> tuple[dict[str, float], float]:
 
 def _at(joint: Joint, joints: Mapping[str, Joint], shifts: Mapping[str, float]) -> Joint:
     """Return a joint with its frame, and that of the joint before, so far along their axes [m]."""
-    back = next((shifts.get(name, 0.0) for name, one in joints.items() if one.child == joint.parent), 0.0)
+    back = next((shifts.get(name, 0.0) for name, inner in joints.items() if inner.child == joint.parent), 0.0)
     origin = joint.origin + shifts.get(joint.name, 0.0) * joint.rotation[:, 2] - [0.0, 0.0, back]
     return replace(joint, origin=origin)
 
 
 def in_other_form(robot: Robot) -> Robot:
     """Return a robot of rows of one form as if their numbers were those of the other, with the names of its joints."""
-    form = next(one for one in FORMS if one != robot.urdf.dh)
+    form = next(other for other in FORMS if other != robot.urdf.dh)
     rows = list(robot.urdf.joints.values())
     rows = rows[: [joint.name for joint in rows].index(FLANGE) + 1]
     ends, count = [pin.SE3(joint.rotation, joint.origin) for joint in rows], len(rows) - 1
     if robot.urdf.dh == "standard":  # what stands before a joint is its own theta and d, after the row before it
         across = [_across(end) for end in ends[1:count]] + [ends[count]]
-        along = [ends[0], *(one.inverse() * end for one, end in zip(across[:-1], ends[1:count], strict=True))]
-        origins = [one * other for one, other in zip(across, along, strict=True)] + [pin.SE3.Identity()]
+        along = [ends[0], *(part.inverse() * end for part, end in zip(across[:-1], ends[1:count], strict=True))]
+        origins = [part * other for part, other in zip(across, along, strict=True)] + [pin.SE3.Identity()]
     else:
         across = [_across(end) for end in ends[:count]]
-        along = [one.inverse() * end for one, end in zip(across, ends[:count], strict=True)]
+        along = [part.inverse() * end for part, end in zip(across, ends[:count], strict=True)]
         before = [pin.SE3.Identity(), *across]
-        origins = [one * other for one, other in zip(before, [*along, pin.SE3.Identity()], strict=True)]
+        origins = [part * other for part, other in zip(before, [*along, pin.SE3.Identity()], strict=True)]
     moved = {
         joint.name: replace(joint, origin=origin.translation, rotation=origin.rotation)
         for joint, origin in zip(rows, origins, strict=True)
@@ -142,7 +142,7 @@ def in_dh_words(robot: Robot) -> dict[str, tuple[str, float]]:
     is a, alpha and beta of the row that ends before these where the joint's own theta is a number of right angles, and
     for angles its d is 0: else it is several of them at once, and has no entry. Empty for a robot of no such rows.
     """
-    found: dict[str, tuple[str, float]] = {}
+    words: dict[str, tuple[str, float]] = {}
     joints = list(robot.urdf.joints.values()) if robot.urdf.dh else []
     rows = joints[: next((i for i, joint in enumerate(joints) if joint.name == FLANGE), 0)]  # a tool is none of them
     for number, joint in enumerate(rows):
@@ -152,18 +152,18 @@ def in_dh_words(robot: Robot) -> dict[str, tuple[str, float]]:
         along, straight = across.inverse() * end, abs(across.rotation[0, 2]) < RESOLUTION  # of no beta
         of_row = {"dz": ("d", joint.name, 1.0), "rz": ("theta", joint.name, 1.0)}
         before = joint.name if robot.urdf.dh == "modified" else rows[number - 1].name
-        for axis, own in () if first else enumerate("xy"):
+        for axis, letter in () if first else enumerate("xy"):
             there = np.round(along.rotation[:, axis], 9)
             x, y = float(there[0]), float(there[1])
             at_once = abs(along.translation[2]) > RESOLUTION
             if abs(x) == 1.0 and straight:
-                of_row |= {f"d{own}": ("a", before, x)} | ({} if at_once else {f"r{own}": ("alpha", before, x)})
+                of_row |= {f"d{letter}": ("a", before, x)} | ({} if at_once else {f"r{letter}": ("alpha", before, x)})
             elif abs(y) == 1.0 and not at_once:
-                of_row[f"r{own}"] = ("beta", before, y)
+                of_row[f"r{letter}"] = ("beta", before, y)
         named = {axis: (f"{key} of {name}", sign) for axis, (key, name, sign) in of_row.items()}
         every = of_motions(ParameterKind.GEOMETRY, (joint.name,))
-        found |= {one.label: named[one.name] for one in every if one.name in named}
-    return found
+        words |= {parameter.label: named[parameter.name] for parameter in every if parameter.name in named}
+    return words
 
 
 def first_row(urdf: Urdf, joint: Joint) -> tuple[float, float] | None:

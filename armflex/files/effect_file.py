@@ -44,8 +44,8 @@ def read_effect(table: Declaration, arm: Arm) -> Effect:
     """
     name = table.text("name")
     if name not in (*CATALOGUE, UNNAMED):
-        known = (*CATALOGUE, UNNAMED)
-        raise table.fail("name", f"no effect {name!r}{did_you_mean(name, known)} (known: {listing(known, 40)})")
+        names = (*CATALOGUE, UNNAMED)
+        raise table.fail("name", f"no effect {name!r}{did_you_mean(name, names)} (known: {listing(names, 40)})")
     law = SHAPES[table.choice("shape", tuple(SHAPES))] if name == UNNAMED else CATALOGUE[name]
     called = " ".join(part for part in names_of(law) if part)
     locations, values = _locations(table, law, called, arm), _values(table, law, called)
@@ -62,15 +62,15 @@ def read_effect(table: Declaration, arm: Arm) -> Effect:
     location = replace(location, covariates=_covariates(table, law, called, location, arm))
 
     inner = []
-    for one in law.inner:
-        if one.name not in values and one.default is None:
+    for parameter in law.inner:
+        if parameter.name not in values and parameter.default is None:
             raise table.fail(
-                "parameters", f"{one.name!r} [{one.unit.format(m='m', w='N', over='rad or N')}] is missing"
+                "parameters", f"{parameter.name!r} [{parameter.unit.format(m='m', w='N', over='rad or N')}] is missing"
             )
-        value = values.get(one.name, one.default or 0.0)
-        least = "0 or more" if one.default == 0.0 else "more than 0"
-        if one.positive and (value < 0.0 or (value == 0.0 and least == "more than 0")):
-            raise table.fail("parameters", f"{one.name} is {value:g}, expected {least}")
+        value = values.get(parameter.name, parameter.default or 0.0)
+        least = "0 or more" if parameter.default == 0.0 else "more than 0"
+        if parameter.positive and (value < 0.0 or (value == 0.0 and least == "more than 0")):
+            raise table.fail("parameters", f"{parameter.name} is {value:g}, expected {least}")
         inner.append(value)
     std = table.part("std")
     for name in std.table:
@@ -79,11 +79,11 @@ def read_effect(table: Declaration, arm: Arm) -> Effect:
         if std.number(name) < 0.0:
             raise table.fail("std", f"of {name} is {std.number(name):g}, expected 0 or more")
     derived = table.texts("derived") if table.has("derived") else ()
-    known = [name for name in location.covariates if name.startswith(APPROACH)]
+    directions = [name for name in location.covariates if name.startswith(APPROACH)]
     for name in derived:
-        if name not in known:
-            text = f"{called} depends on no direction {name!r} there{did_you_mean(name, known)}"
-            raise table.fail("derived", f"{text} (it depends on: {listing(known)})")
+        if name not in directions:
+            text = f"{called} depends on no direction {name!r} there{did_you_mean(name, directions)}"
+            raise table.fail("derived", f"{text} (it depends on: {listing(directions)})")
     ranges, seen = table.part("seen"), []
     for name in ranges.table:
         if name not in location.covariates:
@@ -99,8 +99,8 @@ def read_effect(table: Declaration, arm: Arm) -> Effect:
         raise table.fail("earlier", text)
     table.finish()
     amplitudes = np.array([values[law.amplitudes[i].name] for i in terms])
-    own = (*full(amplitudes, location, len(law.amplitudes)), *inner)
-    return Effect(law, location, own, derived, tuple(seen), np.inf if earlier else None, earlier=earlier)
+    sizes = (*full(amplitudes, location, len(law.amplitudes)), *inner)
+    return Effect(law, location, sizes, derived, tuple(seen), np.inf if earlier else None, earlier=earlier)
 
 
 def effect_table(effect: Effect, std: Mapping[str, float] | None = None) -> dict[str, Any]:
@@ -133,9 +133,9 @@ def locations_on(law: EffectLaw, arm: Arm, session: str = "", recorded: Iterable
     """
     payloads = ("", *sorted(name for name in arm.payloads if name != "none")) if arm.payloads else ()
     columns = tuple(dict.fromkeys(("time", "hold", TEMPERATURE, *recorded)))
-    known = {"payloads": payloads, "sessions": (session, f"{session}'"), "springs": tuple(o.name for o in arm.springs)}
-    known["stars"] = True
-    return list(law.places(Records(arm.robot, columns, timed=True, **known)))
+    more = {"payloads": payloads, "sessions": (session, f"{session}'"), "springs": tuple(o.name for o in arm.springs)}
+    more["stars"] = True
+    return list(law.places(Records(arm.robot, columns, timed=True, **more)))
 
 
 def _locations(table: Declaration, law: EffectLaw, called: str, arm: Arm) -> list[Location]:
@@ -161,28 +161,28 @@ def _locations(table: Declaration, law: EffectLaw, called: str, arm: Arm) -> lis
         locations = [location for location in locations if location.axis == axis]
 
     partner, partners = table.text("partner", ""), _unique(location.partner for location in locations)
-    known = [name for name in partners if name]
+    possible = [name for name in partners if name]
     if partner not in partners:
-        if not known:
+        if not possible:
             raise table.fail("partner", f"{called} takes no partner")
         if not partner:
-            raise ArmFileError(table.place(), f"[effect] {called} needs 'partner', one of {listing(known)}")
-        raise table.fail("partner", f"no {partner!r}{did_you_mean(partner, known)} (possible: {listing(known)})")
+            raise ArmFileError(table.place(), f"[effect] {called} needs 'partner', one of {listing(possible)}")
+        raise table.fail("partner", f"no {partner!r}{did_you_mean(partner, possible)} (possible: {listing(possible)})")
     return [location for location in locations if location.partner == partner]
 
 
 def _values(table: Declaration, law: EffectLaw, called: str) -> dict[str, float]:
     """Return the given parameters by name."""
     given, amplitudes = table.sub("parameters"), [amplitude.name for amplitude in law.amplitudes]
-    known = [*amplitudes, *(inner.name for inner in law.inner)]
+    names = [*amplitudes, *(inner.name for inner in law.inner)]
     for name in given.table:
-        if name not in known:
-            text = f"{called} has no parameter {name!r}{did_you_mean(name, known)}"
-            raise table.fail("parameters", f"{text} (known: {listing(known, 30)})")
+        if name not in names:
+            text = f"{called} has no parameter {name!r}{did_you_mean(name, names)}"
+            raise table.fail("parameters", f"{text} (known: {listing(names, 30)})")
     values = {name: given.number(name) for name in given.table}
     if not any(name in values for name in amplitudes):
-        one = "" if len(amplitudes) == 1 else "one or more of "
-        raise table.fail("parameters", f"{called} needs {one}{listing(amplitudes)}")
+        wanted = "" if len(amplitudes) == 1 else "one or more of "
+        raise table.fail("parameters", f"{called} needs {wanted}{listing(amplitudes)}")
     # A fit may take away from what is declared beside it, or end a little below zero: then it has a deviation.
     for amplitude in law.amplitudes if not table.has("std") else ():
         if amplitude.positive and values.get(amplitude.name, 0.0) < 0.0:
@@ -205,8 +205,8 @@ def _covariates(table: Declaration, law: EffectLaw, called: str, location: Locat
     for name in given:
         for prefix in ("q_", APPROACH):
             if name.startswith(prefix) and name.removeprefix(prefix) not in arm.joint_names:
-                known = [f"{prefix}{joint}" for joint in arm.joint_names]
-                text = f"the arm has no {name!r}{did_you_mean(name, known)} (known: {listing(known)})"
+                columns = [f"{prefix}{joint}" for joint in arm.joint_names]
+                text = f"the arm has no {name!r}{did_you_mean(name, columns)} (known: {listing(columns)})"
                 raise table.fail("covariates", text)
         if not name.strip():
             raise table.fail("covariates", "a column needs a name")

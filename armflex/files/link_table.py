@@ -58,30 +58,30 @@ def read_link(name: str, table: Declaration, robot: Robot) -> tuple[Robot, Flexu
     at_joint = placed.actInv(tip)
     drawing = Drawing(table.path.parent / table.text("file"), part, at_joint)
     law = MeshedLaw(part.seen_from(at_joint), part.young_std, drawing)
-    own, mass, flags = robot.urdf.links[name].inertial, float(np.trace(part.weight[:3])) / 3.0, []
-    if own is None or mass <= 0.0:
+    inertial, mass, flags = robot.urdf.links[name].inertial, float(np.trace(part.weight[:3])) / 3.0, []
+    if inertial is None or mass <= 0.0:
         text = f"link {name!r} does not bend under its own weight: its part or its link has no mass"
         flags.append(Flag("weightless", text))
-        return _ended(robot, joint, own, None), Flexure(name, f"{name}:end", law), tuple(flags)
-    if abs(own.mass - part.mass) > HEAVIER * part.mass:
-        text = f"link {name!r} weighs {own.mass:g} kg in {robot.urdf.path.name} and {part.mass:g} kg in its mesh"
+        return _ended(robot, joint, inertial, None), Flexure(name, f"{name}:end", law), tuple(flags)
+    if abs(inertial.mass - part.mass) > HEAVIER * part.mass:
+        text = f"link {name!r} weighs {inertial.mass:g} kg in {robot.urdf.path.name} and {part.mass:g} kg in its mesh"
         flags.append(Flag("link_mass", f"{text}: the former counts, distributed as the latter"))
     moments = part.weight[3:] / mass  # of a body at r the matrix of r x, whose skew part r is read from
     centre = mesh * (part.origin + 0.5 * pin.unSkew(moments - moments.T))
-    whole = pin.Inertia(own.mass, own.origin, own.turned)
-    end = pin.Inertia(min(mass / part.mass, MOST) * own.mass, centre, np.zeros((3, 3)))
+    whole = pin.Inertia(inertial.mass, inertial.origin, inertial.turned)
+    end = pin.Inertia(min(mass / part.mass, MOST) * inertial.mass, centre, np.zeros((3, 3)))
     rest = pin.Inertia.FromDynamicParameters(whole.toDynamicParameters() - end.toDynamicParameters())
     sizes, axes = np.linalg.eigh(rest.inertia)
     rest.inertia = (axes * sizes.clip(0.0)) @ axes.T  # two bodies at these places may already have more than the link
     # What moves with the root and with the tip beside these two bodies.
-    total, first, second = (placed.actInv(one).matrix() for one in (whole, rest, end))
-    back, share = at_joint.inverse().action, own.mass / part.mass
+    total, first, second = (placed.actInv(body).matrix() for body in (whole, rest, end))
+    back, share = at_joint.inverse().action, inertial.mass / part.mass
     between = share * back.T @ np.hstack([part.weight, part.spin]) @ back - second
     bent = share * back.T @ part.mass_matrix @ back - second
     inertia = np.block([[total - first - second, between.T], [between, bent]])
     bodies = (
-        replace(own, mass=rest.mass, origin=rest.lever, rotation=np.eye(3), inertia=rest.inertia),
-        Inertial(end.mass, placed.actInv(centre), joint.rotation.T, np.zeros((3, 3)), own.place, True),
+        replace(inertial, mass=rest.mass, origin=rest.lever, rotation=np.eye(3), inertia=rest.inertia),
+        Inertial(end.mass, placed.actInv(centre), joint.rotation.T, np.zeros((3, 3)), inertial.place, True),
     )
     return _ended(robot, joint, *bodies), Flexure(name, f"{name}:end", law, inertia=inertia), tuple(flags)
 
@@ -93,10 +93,10 @@ def _ended(robot: Robot, joint: Joint, rest: Inertial | None, end: Inertial | No
     fixed = replace(joint, name=name, kind="fixed", child=name, mimic=None, lower=-np.inf, upper=np.inf)
     moved = replace(joint, parent=name, origin=np.zeros(3), rotation=np.eye(3))
     joints = {}
-    for key, one in urdf.joints.items():
+    for key, part in urdf.joints.items():
         if key == joint.name:
             joints[name] = fixed
-        joints[key] = moved if key == joint.name else one
+        joints[key] = moved if key == joint.name else part
     links = urdf.links | {link.name: link, name: Link(name, end, (), link.place)}
     chain = tuple(step for one in robot.chain for step in ((fixed, moved) if one.name == joint.name else (one,)))
     return replace(robot, urdf=replace(urdf, links=links, joints=joints), chain=chain)

@@ -54,11 +54,13 @@ def read_linkage(root: Declaration, robot: Robot, held: Sequence[str]) -> tuple[
     names: dict[str, Declaration] = {}
     read = tuple(_loop(table, *read_ends(table, robot)) for table in loops)
     pistons = tuple(_cylinder(name, table, *read_ends(table, robot)) for name, table in cylinders.items())
-    for one, table in zip((*read, *pistons), (*loops, *cylinders.values()), strict=True):
-        if one.name in names or one.name in robot.urdf.joints:
-            raise table.fail("name", f"{one.name!r} is the name of another loop, cylinder or joint: choose another one")
-        names[one.name] = table
-    links = [link for one in (*read, *pistons) for link in (one.link, one.to)]
+    for closure, table in zip((*read, *pistons), (*loops, *cylinders.values()), strict=True):
+        if closure.name in names or closure.name in robot.urdf.joints:
+            raise table.fail(
+                "name", f"{closure.name!r} is the name of another loop, cylinder or joint: choose another one"
+            )
+        names[closure.name] = table
+    links = [link for closure in (*read, *pistons) for link in (closure.link, closure.to)]
     links += [robot.urdf.joints[name].child for name in (*passive, *driven)]
     beside = _beside(robot, links, held)
     followers = dict(robot.linkage.followers)
@@ -66,41 +68,41 @@ def read_linkage(root: Declaration, robot: Robot, held: Sequence[str]) -> tuple[
         if joint.mimic is not None and joint.name not in passive:
             followers[joint.name] = joint.mimic
     linkage = Linkage(passive, beside, read, pistons, followers)
-    known = [joint.name for joint in (*robot.chain, *beside) if joint.kind in MOVING]
+    masters = [joint.name for joint in (*robot.chain, *beside) if joint.kind in MOVING]
     for name, (master, _, _) in followers.items():
-        if master not in known:
+        if master not in masters:
             text = f"joint {name!r} mimics {master!r}, which is no joint that moves with the chain or a loop"
-            raise root.fail("loop", f"{text} (known: {listing(known)})")
+            raise root.fail("loop", f"{text} (known: {listing(masters)})")
     locked = {name: at for name, at in robot.locked.items() if name not in {joint.name for joint in beside}}
     flags = tuple(f for f in robot.flags if f.code != "locked_mimic" or not any(repr(j.name) in f.text for j in beside))
     robot = replace(robot, linkage=linkage, locked=locked, flags=flags)
     robot = replace(robot, linkage=replace(linkage, loops=_checked(root, robot, names)))
-    flexures = [_gives(one, names[one.name]) for one in (*read, *pistons)]
+    flexures = [_gives(closure, names[closure.name]) for closure in (*read, *pistons)]
     for table in names.values():
         table.finish()
-    return robot, tuple(one for one in flexures if one is not None)
+    return robot, tuple(flexure for flexure in flexures if flexure is not None)
 
 
 def _joint(name: str, table: Declaration, robot: Robot, held: Sequence[str]) -> Joint:
-    known = [one.name for one in robot.urdf.joints.values() if one.kind in MOVING and one.name not in held]
-    if name not in known:
-        hint = did_you_mean(name, known)
-        raise table.fail("passive", f"[joint.{name}]: no joint {name!r} that moves{hint} (known: {listing(known)})")
+    moving = [joint.name for joint in robot.urdf.joints.values() if joint.kind in MOVING and joint.name not in held]
+    if name not in moving:
+        hint = did_you_mean(name, moving)
+        raise table.fail("passive", f"[joint.{name}]: no joint {name!r} that moves{hint} (known: {listing(moving)})")
     return robot.urdf.joints[name]
 
 
 def _beside(robot: Robot, links: Sequence[str], held: Sequence[str]) -> tuple[Joint, ...]:
     """Return the joints off the chain that carry some links, in the order of the robot's file."""
-    on_chain, found = {joint.name for joint in robot.chain}, set()
+    on_chain, joints = {joint.name for joint in robot.chain}, set()
     for link in links:
         while link != robot.base and link in robot.urdf.parents:
             joint = robot.urdf.parents[link]
             if joint.kind in MOVING and joint.name not in on_chain and joint.name not in held:
                 if joint.faults:
                     raise joint.faults[0].error
-                found.add(joint.name)
+                joints.add(joint.name)
             link = joint.parent
-    return tuple(joint for name, joint in robot.urdf.joints.items() if name in found)
+    return tuple(joint for name, joint in robot.urdf.joints.items() if name in joints)
 
 
 def _loop(table: Declaration, first: tuple[str, Array], second: tuple[str, Array]) -> Loop:
@@ -133,15 +135,17 @@ def _checked(root: Declaration, robot: Robot, names: Mapping[str, Declaration]) 
     model, data = flex.model, flex.model.createData()
     points = replace(linkage, loops=tuple(replace(loop, kind="spherical") for loop in linkage.loops))
     ties, held = Ties(model, data, points), set()
-    for name, one in zip(linkage.joined, ties.joined, strict=True):
-        first, second = (end.joint for end in one.ends)
-        own = next(own for own in (*linkage.loops, *linkage.cylinders) if own.name == name)
-        text = f"{name!r} joins {own.link!r} to {own.to!r}"
+    for name, tie in zip(linkage.joined, ties.joined, strict=True):
+        first, second = (end.joint for end in tie.ends)
+        closure = next(closure for closure in (*linkage.loops, *linkage.cylinders) if closure.name == name)
+        text = f"{name!r} joins {closure.link!r} to {closure.to!r}"
         if first == second:
             raise names[name].fail("to", f"{text}, which no joint moves against each other")
         between = set(model.supports[first]) ^ set(model.supports[second])
         if not any(model.getJointId(joint) in between for joint in linkage.free):
-            driven = [joint for joint in robot.joint_names if joint in {model.names[one] for one in between}]
+            driven = [
+                joint for joint in robot.joint_names if joint in {model.names[joint_number] for joint_number in between}
+            ]
             drives = f"and {listing(driven)} between them {'has a drive' if len(driven) == 1 else 'have drives'}"
             remedy = f"a joint that it holds is passive: [joint.{driven[-1]}] passive = true"
             raise names[name].fail("to", f"{text}, {drives}: {remedy}")
@@ -152,7 +156,7 @@ def _checked(root: Declaration, robot: Robot, names: Mapping[str, Declaration]) 
             raise root.subs("joint")[name].fail("passive", text)
     free, closing = np.array([at or 0.0 for at in linkage.free.values()]), Closing(robot, flex, ties, Corrections())
     lower, upper = (
-        np.append(one, np.full(len(free), end)) for one, end in ((robot.lower, -np.inf), (robot.upper, np.inf))
+        np.append(limit, np.full(len(free), end)) for limit, end in ((robot.lower, -np.inf), (robot.upper, np.inf))
     )
 
     from scipy.optimize import least_squares  # only where a file with loops is read
@@ -168,29 +172,29 @@ def _checked(root: Declaration, robot: Robot, names: Mapping[str, Declaration]) 
         raise names.get(error.loop, root).fail("at", str(error))
     met = closing.configuration(robot.home, closing.nearest(robot.home, free))
     ties.place(met)
-    found = []
-    for loop, one in zip(linkage.loops, ties.loops, strict=True):
-        first, second = (end.turn @ end.axes for end in one.ends)
-        found.append(replace(loop, turn_to=second.T @ first))
-    ties = Ties(model, data, replace(linkage, loops=tuple(found)))
+    loops = []
+    for loop, tie in zip(linkage.loops, ties.loops, strict=True):
+        first, second = (end.turn @ end.axes for end in tie.ends)
+        loops.append(replace(loop, turn_to=second.T @ first))
+    ties = Ties(model, data, replace(linkage, loops=tuple(loops)))
     ties.place(met)
     said: list[tuple[str, set[int], Array]] = []
-    for name, one in zip(linkage.joined, ties.joined, strict=True):
-        way, joints = one.place()[1], {end.joint for end in one.ends}
-        for other, there, known in said:
-            rank = np.linalg.matrix_rank(np.concatenate([way, known]), SAME)
-            if joints == there and rank == max(len(way), len(known)):
+    for name, tie in zip(linkage.joined, ties.joined, strict=True):
+        way, joints = tie.place()[1], {end.joint for end in tie.ends}
+        for other, there, twists in said:
+            rank = np.linalg.matrix_rank(np.concatenate([way, twists]), SAME)
+            if joints == there and rank == max(len(way), len(twists)):
                 raise names[name].fail("at", f"{name!r} says what {other!r} says: leave one of them out")
         said.append((name, joints, way))
-    return tuple(found)
+    return tuple(loops)
 
 
-def _gives(one: Loop | Cylinder, table: Declaration) -> Flexure | None:
+def _gives(closure: Loop | Cylinder, table: Declaration) -> Flexure | None:
     """Return the flexure of a pin or a cylinder, None of one that does not give."""
-    if isinstance(one, Loop):
+    if isinstance(closure, Loop):
         compliant = table.has("compliance")
         law = LinearLaw(read_compliance(table), declared_std(table)) if compliant else None
-        return law and Flexure(one.name, one.name, law)
+        return law and Flexure(closure.name, closure.name, law)
     if table.has("bulk_modulus") or table.has("bore"):
         if table.has("stiffness"):
             raise table.fail("stiffness", "stands beside a bore, from which it follows: give one of them")
@@ -202,9 +206,9 @@ def _gives(one: Loop | Cylinder, table: Declaration) -> Flexure | None:
             raise table.fail("dead_volume", f"expected 0 m^3 or more, got {dead:g}")
         areas = 0.25 * np.pi * bore**2, 0.25 * np.pi * (bore**2 - rod**2)
         modulus = positive(table, "bulk_modulus", "Pa")
-        oil = OilColumn(one.name, areas, one.lower, one.upper, dead, modulus, declared_std(table))
-        return Flexure(one.name, one.name, oil)
+        oil = OilColumn(closure.name, areas, closure.lower, closure.upper, dead, modulus, declared_std(table))
+        return Flexure(closure.name, closure.name, oil)
     if table.has("stiffness"):
         softness = 1.0 / positive(table, "stiffness", "N/m")
-        return Flexure(one.name, one.name, LinearLaw(np.diag([softness, 0, 0, 0, 0, 0.0]), declared_std(table)))
+        return Flexure(closure.name, closure.name, LinearLaw(np.diag([softness, 0, 0, 0, 0, 0.0]), declared_std(table)))
     return None

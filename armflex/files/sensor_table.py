@@ -17,9 +17,9 @@ def read_sensors(tables: dict[str, Declaration], robot: Robot) -> dict[str, Sens
     Raises:
         ArmFileError: A kind, a link or a joint is not known, or a number is none of its kind.
     """
-    found = [_read(name, table, robot) for name, table in tables.items()]
+    sensors = [_read(name, table, robot) for name, table in tables.items()]
     units = list(LONGEST)
-    return {sensor.name: sensor for sensor in sorted(found, key=lambda one: units.index(one.kind.unit))}
+    return {sensor.name: sensor for sensor in sorted(sensors, key=lambda reading: units.index(reading.kind.unit))}
 
 
 def _read(name: str, table: Declaration, robot: Robot) -> Sensor:
@@ -27,8 +27,8 @@ def _read(name: str, table: Declaration, robot: Robot) -> Sensor:
     said = kind.declared(table, robot)
     kind = said.pop("kind", kind)
     declared, std = [np.zeros(0)], [np.zeros(0)]
-    for one in kind.nuisances:
-        value, size = kind.stated(one, table, robot)
+    for nuisance in kind.nuisances:
+        value, size = kind.stated(nuisance, table, robot)
         declared.append(value)
         std.append(np.full(len(value), size))
     sigma = table.std("sigma")

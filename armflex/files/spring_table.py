@@ -39,15 +39,15 @@ def read_ends(table: Declaration, robot: Robot) -> tuple[tuple[str, Array], tupl
     Raises:
         ArmFileError: There is no such link, or a point is `MILLIMETRES` times the reach away.
     """
-    found = []
+    ends = []
     for key, where in (("link", "at"), ("to", "at_to")):
         point = table.numbers(where, (3,))
         link = table.choice(key, robot.urdf.below(robot.base), problem="no link {!r} at or beyond the base")
         if robot.times_reach(apart := float(np.linalg.norm(point))) > MILLIMETRES:
             text = f"is {apart:g} m from the origin of {link!r}, and the arm reaches {robot.reach:.3g} m"
             raise table.fail(where, f"{text}: in millimetres? It is in m")
-        found.append((link, point))
-    first, second = found
+        ends.append((link, point))
+    first, second = ends
     if first[0] == second[0]:
         raise table.fail("to", f"both ends are on link {first[0]!r}: it joins a link to itself")
     return first, second

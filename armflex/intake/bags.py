@@ -92,38 +92,38 @@ def read_bag(path: Path) -> list[Source]:
         problem = " ".join(str(error).split()) or type(error).__name__
         mends = f"; {MENDS['.bag']} mends one that was not closed" if "index" in problem else ""
         raise TableError(Place(path), f"cannot be read as a bag: {problem}{mends}") from None
-    found = _of_joints(path, joints, tuple(notes))
+    sources = _of_joints(path, joints, tuple(notes))
     bodies = defaultdict[str, set[str]](set)
     for topic, child in places:
         bodies[topic].add(child)
     for (topic, child), rows in places.items():
         values = np.array([row[: min(map(len, rows))] for row in rows])
         values = values[np.argsort(values[:, 0], kind="stable")]
-        known = values[np.isfinite(values[:, 1:4]).all(axis=1), 1:4]
-        if len(known) and np.ptp(known, axis=0).max() > 0.0:  # a frame that is fixed to another is no target
+        points = values[np.isfinite(values[:, 1:4]).all(axis=1), 1:4]
+        if len(points) and np.ptp(points, axis=0).max() > 0.0:  # a frame that is fixed to another is no target
             head = ("time", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")[: values.shape[1]]
             part = f"{topic} {child}" if "->" in child or len(bodies[topic]) > 1 else topic
-            found.append(recorded(path, part, dict(zip(head, values.T, strict=True)), tuple(notes)))
-    if not found:
+            sources.append(recorded(path, part, dict(zip(head, values.T, strict=True)), tuple(notes)))
+    if not sources:
         cut = f"; {notes[0]}" if notes else ""
         text = f"has no {JOINTS} with positions and no place that moves among its types: {listing(sorted(types))}"
         raise TableError(Place(path), text + cut)
-    return found
+    return sources
 
 
 def _of_joints(
     path: Path, joints: Mapping[str, Mapping[str, list[tuple[float, float, float]]]], notes: tuple[str, ...]
 ) -> list[Source]:
     """Return each topic's joints (stamp, receipt and position of each by name) on all its times."""
-    arrays = {(topic, name): np.array(rows) for topic, own in joints.items() for name, rows in own.items()}
+    arrays = {(topic, name): np.array(rows) for topic, by_name in joints.items() for name, rows in by_name.items()}
     delays = [float(np.median(rows[:, 1] - rows[:, 0])) for rows in arrays.values()]
     column = int(bool(delays) and max(delays) - min(delays) > DELAY)
     if column:
         notes = (*notes, f"stamps of joints in {path.name} are of different clocks: their receipt counts")
-    found = []
-    for topic, own in joints.items():
+    sources = []
+    for topic, by_name in joints.items():
         series, doubts = dict[str, tuple[Array, Array]](), dict[str, str]()
-        for name in own:
+        for name in by_name:
             rows = arrays[topic, name]
             time, values = spread(rows[:, column]), rows[:, 2]
             order = np.argsort(time, kind="stable")
@@ -134,8 +134,8 @@ def _of_joints(
                 doubts[f"position.{name}"] = f"{text}: two programs publish it, record one of them"
             series[f"position.{name}"] = time, values
         time, columns = aligned(series)
-        found.append(replace(recorded(path, topic, {"time": time} | columns, notes), doubts=doubts))
-    return found
+        sources.append(replace(recorded(path, topic, {"time": time} | columns, notes), doubts=doubts))
+    return sources
 
 
 def together(sources: list[Source]) -> Source:
@@ -146,9 +146,9 @@ def together(sources: list[Source]) -> Source:
         for name, values in zip(source.header[1:], columns, strict=True):
             series[name] = time[np.isfinite(values)], values[np.isfinite(values)]
     time, aligned_columns = aligned(series)
-    notes = tuple(dict.fromkeys(note for one in sources for note in one.notes))
-    part = " + ".join(one.part for one in sources)
-    doubts = {name: text for one in sources for name, text in one.doubts.items()}
+    notes = tuple(dict.fromkeys(note for source in sources for note in source.notes))
+    part = " + ".join(source.part for source in sources)
+    doubts = {name: text for source in sources for name, text in source.doubts.items()}
     return replace(recorded(sources[0].path, part, {"time": time} | aligned_columns, notes), doubts=doubts)
 
 
@@ -184,8 +184,8 @@ def _messages(path: Path, notes: list[str]) -> Iterator[tuple[str, str, float, A
     metadata = path / "metadata.yaml"
     listed = metadata.read_text("utf-8", "replace") if metadata.is_file() else ""
     files = [path] if path.is_file() else sorted(path.glob("*.mcap")) + sorted(path.glob("*.db3"))
-    files.sort(key=lambda one: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", one.name)])
-    if absent := {*re.findall(r"[^\s'\"\[\],/]+\.(?:mcap|db3)(?![.\w])", listed)} - {one.name for one in files}:
+    files.sort(key=lambda file: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", file.name)])
+    if absent := {*re.findall(r"[^\s'\"\[\],/]+\.(?:mcap|db3)(?![.\w])", listed)} - {file.name for file in files}:
         raise TableError(Place(metadata), f"lists {listing(sorted(absent))}, which is not there: copy the whole folder")
     packed = re.search(r"compression_mode: *['\"]?(?:file|message)", listed, re.IGNORECASE)
     if packed or not files or files[0].suffix not in (".mcap", ".db3"):
@@ -223,7 +223,7 @@ def _other(path: Path) -> Iterator[tuple[str, str, float, Any]]:
         raise _not_installed(path) from None
     with ExitStack() as stack:
         reader = stack.enter_context(AnyReader([path], default_typestore=get_typestore(Stores.LATEST)))
-        wanted = [one for one in reader.connections if one.msgtype.split("/")[-1] in WANTED]
+        wanted = [connection for connection in reader.connections if connection.msgtype.split("/")[-1] in WANTED]
         for connection, stamp, data in reader.messages(connections=wanted) if wanted else ():
             message = reader.deserialize(data, connection.msgtype)
             yield connection.topic, connection.msgtype.split("/")[-1], 1e-9 * stamp, message

@@ -58,15 +58,15 @@ def _values(path: Path, lines: Sequence[int], rows: Sequence[Sequence[str]], at:
     Raises:
         TableError: A cell is neither.
     """
-    found = np.full((len(rows), len(at)), np.nan)
+    values = np.full((len(rows), len(at)), np.nan)
     for i, cells in enumerate(rows):
         for k, j in enumerate(at):
             cell = cells[j] if j < len(cells) else ""
             if NUMBER.fullmatch(cell):
-                found[i, k] = float(cell)
+                values[i, k] = float(cell)
             elif not NO_READING.fullmatch(cell):
                 raise TableError(Place(path, lines[i]), f"has {shown(cell, 40)} in cell {j + 1}, expected a number")
-    return found
+    return values
 
 
 def _rows(path: Path) -> list[list[str]]:
@@ -112,8 +112,8 @@ def read_motive(path: Path) -> list[Source]:
     if short := next((i for i in lines if len(rows[i - 1]) != width), None):
         raise TableError(Place(path, short), f"has another number of cells than the {width} of the header")
     _whole(path, len(body), head.get("Total Exported Frames", ""))
-    time, found = _values(path, lines, body, [1])[:, 0], list[Source]()
-    above, axes = rows[last - 1] + [""] * width, [one.upper() for one in rows[last]]
+    time, sources = _values(path, lines, body, [1])[:, 0], list[Source]()
+    above, axes = rows[last - 1] + [""] * width, [cell.upper() for cell in rows[last]]
     for i in range(2, width - 2):
         if above[i : i + 3] != ["Position"] * 3 or axes[i : i + 3] != [*"XYZ"]:
             continue
@@ -122,10 +122,10 @@ def read_motive(path: Path) -> list[Source]:
             continue
         turned = above[i - 4 : i] == ["Rotation"] * 4 and axes[i - 4 : i] == [*"XYZW"]
         turn = _values(path, lines, body, range(i - 4, i)) if turned else None
-        found += _body(path, name, lines, time, _values(path, lines, body, range(i, i + 3)), unit, turn)
-    if not found:
+        sources += _body(path, name, lines, time, _values(path, lines, body, range(i, i + 3)), unit, turn)
+    if not sources:
         raise TableError(Place(path), "has no position of a rigid body or a marker")
-    return found
+    return sources
 
 
 def read_vicon(path: Path) -> list[Source]:
@@ -137,7 +137,7 @@ def read_vicon(path: Path) -> list[Source]:
     Raises:
         TableError: A section is spoilt, or none has a place.
     """
-    rows, found, i = _rows(path), list[Source](), 0
+    rows, sources, i = _rows(path), list[Source](), 0
     while i < len(rows):
         if not any(rows[i]):
             i += 1
@@ -164,11 +164,11 @@ def read_vicon(path: Path) -> list[Source]:
             turned = shift and axes[at - 4 : at] == ["RX", "RY", "RZ", "RW"]
             turn = _values(path, lines, body, range(at - 4, at)) if turned else None
             part = re.sub(r"^.*\([^)]*\)\s*", "", name)
-            found += _body(path, part, lines, time, _values(path, lines, body, range(at, at + 3)), unit, turn)
+            sources += _body(path, part, lines, time, _values(path, lines, body, range(at, at + 3)), unit, turn)
         i = end + 1
-    if not found:
+    if not sources:
         raise TableError(Place(path), "has no place of an object, a segment or a marker: export those from Vicon")
-    return found
+    return sources
 
 
 def read_qualisys(path: Path) -> list[Source]:
@@ -203,12 +203,12 @@ def read_qualisys(path: Path) -> list[Source]:
     if clock is None and not (NUMBER.fullmatch(rate) and float(rate) > 0.0):
         raise TableError(Place(path), "states no FREQUENCY and has no column Time: export it with its header")
     time = np.arange(len(body)) / float(rate) if clock is None else _values(path, lines, body, [clock])[:, 0]
-    found = list[Source]()
+    sources = list[Source]()
     for name, at in zip(names, places, strict=True):
-        found += _body(path, name, lines, time, _values(path, lines, body, range(at, at + 3)), "mm")
-    if not found:
+        sources += _body(path, name, lines, time, _values(path, lines, body, range(at, at + 3)), "mm")
+    if not sources:
         raise TableError(Place(path), "has no place of a marker or a body: export 3D or 6D data from QTM")
-    return found
+    return sources
 
 
 def read_ndi(path: Path) -> list[Source]:
@@ -221,20 +221,20 @@ def read_ndi(path: Path) -> list[Source]:
     """
     rows = _rows(path)
     head, lines = rows[0], [i for i, row in enumerate(rows[1:], 2) if any(row)]
-    body, found = [rows[i - 1] for i in lines], list[Source]()
+    body, sources = [rows[i - 1] for i in lines], list[Source]()
     starts = [i for i, name in enumerate(head) if name.startswith("Port ")] or [0]
     for start, end in zip(starts, [*starts[1:], len(head)], strict=True):
-        own = [name.lower() for name in head[start:end]]
-        at = {name: start + own.index(name) for name in ("tx", "ty", "tz", "q0", "qx", "qy", "qz") if name in own}
+        words = [name.lower() for name in head[start:end]]
+        at = {name: start + words.index(name) for name in ("tx", "ty", "tz", "q0", "qx", "qy", "qz") if name in words}
         if not {"tx", "ty", "tz"} <= at.keys():
             raise TableError(Place(path, 1), f"has no Tx, Ty, Tz of {head[start]!r}")
         if short := next((i for i, row in zip(lines, body, strict=True) if len(row) <= at["tz"]
                           or (len(starts) > 1 and len(row) != len(head))), None):  # fmt: skip
             raise TableError(Place(path, short), f"has fewer or more cells than the {len(head)} of the header")
-        state = next((start + i for i, name in enumerate(own) if "state" in name or "status" in name), None)
-        clock = next((start + i for i, name in enumerate(own) if name.startswith("time")), None)
-        frame = next((start + i for i, name in enumerate(own) if name.startswith("frame")), None)
-        which = start if len(starts) > 1 or head[start].startswith("Port ") or "toolinfo" in own[0] else None
+        state = next((start + i for i, name in enumerate(words) if "state" in name or "status" in name), None)
+        clock = next((start + i for i, name in enumerate(words) if name.startswith("time")), None)
+        frame = next((start + i for i, name in enumerate(words) if name.startswith("frame")), None)
+        which = start if len(starts) > 1 or head[start].startswith("Port ") or "toolinfo" in words[0] else None
         tools = [row[which] if which is not None else "" for row in body]
         for tool in dict.fromkeys(tools):
             kept = [i for i, name in enumerate(tools) if name == tool]
@@ -251,10 +251,10 @@ def read_ndi(path: Path) -> list[Source]:
             if {"q0", "qx", "qy", "qz"} <= at.keys():
                 turn = _values(path, of, cells, [at[k] for k in ("qx", "qy", "qz", "q0")])
                 turn = np.where(ok[:, None], turn, np.nan)
-            found += _body(path, tool or "tool", of, time, place, "mm", turn)
-    if not found:
+            sources += _body(path, tool or "tool", of, time, place, "mm", turn)
+    if not sources:
         raise TableError(Place(path), "has no tool that was read in any frame")
-    return found
+    return sources
 
 
 VICON = r"(?:Trajectories|Objects|Segments|Markers|Joints|Devices|Model Outputs)\W*$"
@@ -277,11 +277,11 @@ def markers(source: Source) -> list[Source]:
 
     Other tables are returned as they are.
     """
-    own = meanings(source, {})
-    if any(one.kind in ("joint", "coordinate") for one in own):
+    meant = meanings(source, {})
+    if any(meaning.kind in ("joint", "coordinate") for meaning in meant):
         return [source]
     matches = [NAMED_AXIS.fullmatch(name) for name in source.header]
-    found = []
+    sources = []
     for i in range(len(matches) - 2):
         triple = [match for match in matches[i : i + 3] if match is not None]
         if [match[2].lower() for match in triple] != [*"xyz"] or len({match[1] for match in triple}) > 1:
@@ -293,8 +293,8 @@ def markers(source: Source) -> list[Source]:
             f"{matches[k][2].lower()}{matches[k][3] or ''}" if k in places and matches[k] else name  # type: ignore
             for k, name in enumerate(source.header)
         ]
-        kept = [k for k, one in enumerate(own) if k in places or one.kind in ("time", "name")]
-        found.append(
+        kept = [k for k, meaning in enumerate(meant) if k in places or meaning.kind in ("time", "name")]
+        sources.append(
             replace(
                 source,
                 header=tuple(header[k] for k in kept),
@@ -302,7 +302,7 @@ def markers(source: Source) -> list[Source]:
                 part=base,
             )
         )
-    return found or [source]
+    return sources or [source]
 
 
 READS_C3D = """
@@ -356,13 +356,13 @@ def read_c3d(path: Path) -> list[Source]:
     if (there := min(frames, max(path.stat().st_size - start, 0) // max(per, 1))) < stated:
         text = f"ends after {there} of its {stated} frames: it was cut, copy or export it again"
         raise TableError(Place(path), text)
-    found, times = list[Source](), (first + np.arange(frames)) / rate
+    sources, times = list[Source](), (first + np.arange(frames)) / rate
     names = labels + [f"point {i}" for i in range(len(labels) + 1, points.shape[1] + 1)]
     for name, place in zip(names, points.transpose(1, 2, 0), strict=False):
-        found += _body(path, name, range(1, frames + 1), times, place, unit)
-    if not found:
+        sources += _body(path, name, range(1, frames + 1), times, place, unit)
+    if not sources:
         raise TableError(Place(path), "has no points" if not names else f"has no reading of {listing(names)}")
-    return found
+    return sources
 
 
 def _c3d_header(path: Path) -> tuple[int, int]:

@@ -24,9 +24,13 @@ COUNTED = ("ms", "us", "ns")
 """Units that a clock may count without saying so, each where the next larger one would be beyond `DENSE`."""
 
 
-def times(source: Source, own: Sequence[Meaning]) -> Array | None:
+def times(source: Source, meant: Sequence[Meaning]) -> Array | None:
     """Return times [s]: numbers, stamps, or a clock's with the day beside it; None where none can be read."""
-    of_name = {one.name: (one, cells) for one, cells in zip(own, source.columns, strict=True) if one.kind == "time"}
+    of_name = {
+        meaning.name: (meaning, cells)
+        for meaning, cells in zip(meant, source.columns, strict=True)
+        if meaning.kind == "time"
+    }
     if "time" not in of_name:
         return None
     meaning, cells = of_name["time"]
@@ -46,7 +50,7 @@ def times(source: Source, own: Sequence[Meaning]) -> Array | None:
     return seconds
 
 
-def counted(source: Source, own: Sequence[Meaning], moved: Array, unit: str) -> tuple[Meaning, ...]:
+def counted(source: Source, meant: Sequence[Meaning], moved: Array, unit: str) -> tuple[Meaning, ...]:
     """Return what a file's columns are, with the unit in which its clock counts where that is stated nowhere.
 
     Steps of 20 are 20 s between poses, or 20 ms between samples of a motion: in the latter the arm stands for many
@@ -54,23 +58,27 @@ def counted(source: Source, own: Sequence[Meaning], moved: Array, unit: str) -> 
 
     Args:
         source: The file.
-        own: What its columns are.
+        meant: What its columns are.
         moved: (N, d) what moves in it, in `unit`.
         unit: "rad" or "m".
     """
-    at = next((i for i, one in enumerate(own) if (one.kind, one.name) == ("time", "time")), None)
-    if at is None or (own[at].unit and own[at].why != BY_SIZE) or not np.isfinite(numbers(source.columns[at])).any():
-        return tuple(own)
+    at = next((i for i, meaning in enumerate(meant) if (meaning.kind, meaning.name) == ("time", "time")), None)
+    if (
+        at is None
+        or (meant[at].unit and meant[at].why != BY_SIZE)
+        or not np.isfinite(numbers(source.columns[at])).any()
+    ):
+        return tuple(meant)
     raw = spread(numbers(source.columns[at]))
     steps = np.abs(np.diff(raw[np.isfinite(raw)]))
     step = float(np.median(steps)) if len(steps) else 0.0
-    if step * TIME_UNITS[own[at].unit or "s"] <= DENSE:
-        return tuple(own)
+    if step * TIME_UNITS[meant[at].unit or "s"] <= DENSE:
+        return tuple(meant)
     for name in COUNTED:
         if DENSE < step <= DENSE / TIME_UNITS[name] and is_sampled(raw * TIME_UNITS[name], moved, unit):
             why = f"steps of {step:.4g}: samples of a motion"
-            return (*own[:at], replace(own[at], unit=name, why=why), *own[at + 1 :])
-    return tuple(own)
+            return (*meant[:at], replace(meant[at], unit=name, why=why), *meant[at + 1 :])
+    return tuple(meant)
 
 
 def _seconds(text: str) -> float | None:

@@ -47,7 +47,9 @@ BESIDE = re.compile(
 
 VARIABLE = r"(?P<variable>(?:q|theta|θ|ϑ|th)_?\d*\*?|d_?\d*\*)"
 CONSTANT = r"(?P<sign>[+-]?)(?:(?P<number>\d+\.?\d*(?:e[+-]?\d+)?|\.\d+)?(?P<pi>\*?pi)?(?:/(?P<per>\d+\.?\d*))?)"
-CELLS = [re.compile(one) for one in (CONSTANT, rf"{VARIABLE}(?:(?=[+-]){CONSTANT})?", rf"{CONSTANT}\+{VARIABLE}")]
+CELLS = [
+    re.compile(pattern) for pattern in (CONSTANT, rf"{VARIABLE}(?:(?=[+-]){CONSTANT})?", rf"{CONSTANT}\+{VARIABLE}")
+]
 """A number, also of pi; a joint's variable; and both: q2-90, -pi/2."""
 
 BEFORE = re.compile(r"(?:alpha|α|a)_?\(?i ?- ?1\)?")
@@ -88,8 +90,8 @@ class DhTable:
         ]
         lines.append("[robot.joint]")
         for name, (theta, d, a, alpha, beta), slides in zip(joints, self.rows, self.slides, strict=True):
-            angles = (float(np.round(np.degrees(one), 9)) + 0.0 for one in (theta, alpha, beta))
-            lengths = (float(np.round(1e3 * one, 9)) + 0.0 for one in (d, a))
+            angles = (float(np.round(np.degrees(angle), 9)) + 0.0 for angle in (theta, alpha, beta))
+            lengths = (float(np.round(1e3 * size, 9)) + 0.0 for size in (d, a))
             (theta, alpha, beta), (d, a) = angles, lengths
             key = name if BARE.fullmatch(name) else json.dumps(name, ensure_ascii=False)
             more = (f", beta_deg = {beta!r}" if beta else "") + (', kind = "prismatic"' if slides else "")
@@ -101,8 +103,8 @@ class DhTable:
 
 def is_dh(source: Source) -> bool:
     """Return whether a table has a, alpha and d or theta among its columns."""
-    found = set(_columns(source))
-    return {"a", "alpha"} <= found and bool(found & {"d", "theta"})
+    columns = set(_columns(source))
+    return {"a", "alpha"} <= columns and bool(columns & {"d", "theta"})
 
 
 def read_dh(source: Source, form: str | None, ask: Ask | None, unused: Collection[str] = ()) -> DhTable:
@@ -128,20 +130,20 @@ def read_dh(source: Source, form: str | None, ask: Ask | None, unused: Collectio
             if one is None or (one[2] and name not in ("theta", "d")):
                 place, header = Place(path, source.lines[i]), source.header[found[name][0]]
                 raise TableError(place, f"{header!r} is {str(cells[name][i])!r}, expected a number")
-        parts[name] = np.array([one[0] for one in read if one])
-        written[name] = any(one[1] for one in read if one)
-        moved[name] = np.array([one[2] for one in read if one])
+        parts[name] = np.array([cell[0] for cell in read if cell])
+        written[name] = any(cell[1] for cell in read if cell)
+        moved[name] = np.array([cell[2] for cell in read if cell])
     for name, values in parts.items():
         at, unit = found[name]
         length, why = name in "da", "its header"
-        known, alike = (LENGTHS if length else UNITS["angle"]), [one for one in parts if (one in "da") == length]
-        largest = max(float(np.abs(parts[one]).max()) for one in alike)
-        if any(written[one] for one in alike):
-            if (unit or "rad") != "rad" or (largest > RIGHT and any(not found[one][1] for one in alike)):
+        units, alike = (LENGTHS if length else UNITS["angle"]), [part for part in parts if (part in "da") == length]
+        largest = max(float(np.abs(parts[part]).max()) for part in alike)
+        if any(written[part] for part in alike):
+            if (unit or "rad") != "rad" or (largest > RIGHT and any(not found[part][1] for part in alike)):
                 wrong.append(f"{path}: {source.header[at]!r} is among angles with pi, and others are in degrees")
                 continue
             unit, why = "rad", why if unit else "written with pi"
-        if unit not in known:
+        if unit not in units:
             if not length and largest > RIGHT:
                 unit, why = "deg", f"a value of {largest:g} is no angle in rad"
             elif length and largest > 20.0:
@@ -155,7 +157,7 @@ def read_dh(source: Source, form: str | None, ask: Ask | None, unused: Collectio
                 example = f"{name} [{'mm' if length else 'deg'}]"
                 wrong.append(f"{path}: the unit of {source.header[at]!r} is open: write it as {example!r}")
                 continue
-        parts[name] = values * known[unit]
+        parts[name] = values * units[unit]
         taken.append((source.header[at], f"DH {name}", unit, why))
     count = len(source.lines)
     none, never = np.zeros(count), np.zeros(count, dtype=bool)
@@ -253,10 +255,10 @@ def _bare(header: str) -> tuple[str, str]:
 
 def _columns(source: Source) -> dict[str, tuple[int, str]]:
     """Return where each parameter's column is, and its unit."""
-    found: dict[str, tuple[int, str]] = {}
+    columns: dict[str, tuple[int, str]] = {}
     for i, header in enumerate(source.header):
         word, unit = _bare(header)
         for name, pattern in (PARAMETERS | WORDS).items():
-            if re.fullmatch(pattern, word) and name not in found:
-                found[name] = i, unit
-    return found
+            if re.fullmatch(pattern, word) and name not in columns:
+                columns[name] = i, unit
+    return columns

@@ -102,11 +102,11 @@ class Intake:
     def table(self) -> Table:
         """The campaign as a table in SI, as if read from the log."""
         cells = {
-            name: tuple(repr(one) if isinstance(one, float) else str(one) for one in own)
-            for name, own in self.columns.items()
+            name: tuple(repr(cell) if isinstance(cell, float) else str(cell) for cell in values)
+            for name, values in self.columns.items()
         }
         text = csv_text([cells, *zip(*cells.values(), strict=True)])
-        columns = {name: Column(name, "", 1.0, own) for name, own in cells.items()}
+        columns = {name: Column(name, "", 1.0, texts) for name, texts in cells.items()}
         return Table(self.path, columns, self.lines, hashlib.sha256(text.encode()).hexdigest())
 
 
@@ -154,7 +154,7 @@ def intake(
     """
     if runs := [Path(path) for path in paths if is_pointing(Path(path))]:
         return _pointing([Path(path) for path in paths], runs, taken or {}, sigma)
-    sources, known, wrong = list[Source](), dict(taken or {}), list[str]()
+    sources, asked_for, wrong = list[Source](), dict(taken or {}), list[str]()
     robot = None
     robots = [Path(path) for path in paths if Path(path).suffix.lower() in ROBOTS]
     for path in paths:
@@ -162,40 +162,42 @@ def intake(
             sources += read_sources(path) if Path(path) not in robots else []
         except TableError as error:
             wrong.append(str(error))
-    rows_of_arm = next((one for one in sources if is_dh(one)), None)
-    sources, arm = [one for one in sources if one is not rows_of_arm], None
+    rows_of_arm = next((source for source in sources if is_dh(source)), None)
+    sources, arm = [source for source in sources if source is not rows_of_arm], None
     try:
-        unused = [name for name, meaning in known.items() if meaning == "unused"]
+        unused = [name for name, meaning in asked_for.items() if meaning == "unused"]
         arm = read_dh(rows_of_arm, dh, ask, unused) if rows_of_arm is not None else None
         robot = load_robot(robots[0], tip, allow_massless=True) if robots else None
     except (TableError, ManyErrors, UrdfError, UnknownNameError) as error:
         wrong += str(error).splitlines()
     if len(robots) + (rows_of_arm is not None) > 1:
         wrong.append("several files describe the arm: give one URDF, or one table of DH parameters")
-    every = dict.fromkeys(name for one in (*sources, *filter(None, [rows_of_arm])) for name in one.header)
+    every = dict.fromkeys(name for source in (*sources, *filter(None, [rows_of_arm])) for name in source.header)
     wrong += [
-        f"--take {name}: no file has this column (columns: {listing(every)})" for name in known if name not in every
+        f"--take {name}: no file has this column (columns: {listing(every)})" for name in asked_for if name not in every
     ]
-    moving = [] if robot is None else [one.name for one in robot.moving]
-    slides = [] if robot is None else [one.name for one in robot.moving if one.kind == "prismatic"]
-    understood = [meanings(source, known, moving, slides) for source in sources]
+    moving = [] if robot is None else [joint.name for joint in robot.moving]
+    slides = [] if robot is None else [joint.name for joint in robot.moving if joint.kind == "prismatic"]
+    understood = [meanings(source, asked_for, moving, slides) for source in sources]
     sources, understood, about = _one_log(sources, understood, joints, ask)
     wrong += about
-    logs = [i for i, own in enumerate(understood) if any(one.kind == "joint" for one in own)]
-    points = [i for i, own in enumerate(understood) if any(one.kind == "coordinate" for one in own)]
+    logs = [i for i, meant in enumerate(understood) if any(meaning.kind == "joint" for meaning in meant)]
+    points = [i for i, meant in enumerate(understood) if any(meaning.kind == "coordinate" for meaning in meant)]
     points, about = _chosen(sources, points, targets, ask)
     wrong += about
     if points and set(points) - set(logs):  # a log has where its controller holds the tool to be
         for i in set(points) & set(logs):
             why = "the controller's own, computed from its joints"
             understood[i] = tuple(
-                replace(one, kind="unused", unit="", why=why)
-                if one.kind in ("coordinate", "turn") or one.name.lower() in TURNS
-                else one
-                for one in understood[i]
+                replace(meaning, kind="unused", unit="", why=why)
+                if meaning.kind in ("coordinate", "turn") or meaning.name.lower() in TURNS
+                else meaning
+                for meaning in understood[i]
             )
         points = [i for i in points if i not in logs]
-    pictures = [i for i, own in enumerate(understood) if i not in logs and any(one.kind == "picture" for one in own)]
+    pictures = [
+        i for i, meant in enumerate(understood) if i not in logs and any(meaning.kind == "picture" for meaning in meant)
+    ]
     for i, source in enumerate(sources):
         if i in (*logs, *points, *pictures):
             try:
@@ -222,7 +224,10 @@ def intake(
     if board is not None and not pictures:
         wrong.append("--board: no folder of pictures and no table of corners is among the files")
     elif board is not None:
-        source, name = sources[pictures[0]], next(one.name for one in understood[pictures[0]] if one.kind == "picture")
+        source, name = (
+            sources[pictures[0]],
+            next(meaning.name for meaning in understood[pictures[0]] if meaning.kind == "picture"),
+        )
         declared, shown, about = camera(source, board, on_arm, name, beside)
         wrong += about
     if robot is not None and len(logs) == 1:
@@ -234,20 +239,22 @@ def intake(
     for i in exports:  # what an instrument's program says of its own readings is no cause of the arm's errors
         why = "of the instrument"
         understood[i] = tuple(
-            replace(one, kind="unused", why=why) if one.kind == "covariate" and not _is_kept(one) else one
-            for one in understood[i]
+            replace(meaning, kind="unused", why=why)
+            if meaning.kind == "covariate" and not _is_kept(meaning)
+            else meaning
+            for meaning in understood[i]
         )
     understood[log] = _named_alike(sources, understood, log, exports)
     sources, notes = _standing(sources, understood, log, exports)
     about = list(dict.fromkeys(note for i in (log, *points) for note in sources[i].notes))
-    found = _campaign(sources, understood, log, points, pictures, (sigma, sigma_r), beside, [*shown, *notes, *about])
-    found = replace(found, declare="\n\n".join(filter(None, (found.declare, declared))))
+    joined = _campaign(sources, understood, log, points, pictures, (sigma, sigma_r), beside, [*shown, *notes, *about])
+    joined = replace(joined, declare="\n\n".join(filter(None, (joined.declare, declared))))
     if robot is not None:
         urdf = Path(os.path.relpath(robots[0], beside)).as_posix()
         lines = ["[robot]", f'urdf = "{urdf}"', f'tip = "{robot.tip}"', UPRIGHT]
-        lines += ["allow_massless = true"] if any(one.code == "massless" for one in robot.flags) else []
-        return replace(found, arm=arm_text(lines, robot.tip, found.declare, bool(points)))
-    return found if rows_of_arm is None or arm is None else _by_dh(found, rows_of_arm, arm, bool(points))
+        lines += ["allow_massless = true"] if any(flag.code == "massless" for flag in robot.flags) else []
+        return replace(joined, arm=arm_text(lines, robot.tip, joined.declare, bool(points)))
+    return joined if rows_of_arm is None or arm is None else _by_dh(joined, rows_of_arm, arm, bool(points))
 
 
 def _pointing(paths: Sequence[Path], runs: Sequence[Path], taken: Mapping[str, str], sigma: float | None) -> Intake:
@@ -268,69 +275,71 @@ def _pointing(paths: Sequence[Path], runs: Sequence[Path], taken: Mapping[str, s
     if len({run.joints for run in read}) > 1:
         raise InputError(f"{listing(map(str, runs))} are of mounts with different axes: give those of one mount")
     every = [run.columns for run in read]
-    shared = [name for name in every[0] if all(name in own for own in every)]
-    columns: dict[str, Sequence[Any]] = {name: [cell for own in every for cell in own[name]] for name in shared}
+    shared = [name for name in every[0] if all(name in columns_of for columns_of in every)]
+    columns: dict[str, Sequence[Any]] = {
+        name: [cell for columns_of in every for cell in columns_of[name]] for name in shared
+    }
     if len(read) > 1:
         columns["session"] = [run.path.stem for run in read for _ in run.lines]
         columns["pose"] = [f"{run.path.stem} {name}" for run in read for name in run.names]
-    table = tuple(one for run in read for one in meanings_of(run))
+    table = tuple(meaning for run in read for meaning in meanings_of(run))
     notes = tuple(note for run in read for note in run.notes)
     lines = tuple(line for run in read for line in run.lines)
     how = "to nothing: a row has star and axes"
     return Intake(columns, table, how, instrument_text(read[0]), notes, lines, read[0].path, mount_text(read[0]))
 
 
-def _is_kept(one: Meaning) -> bool:
+def _is_kept(meaning: Meaning) -> bool:
     """Return whether a column beside readings or samples is a covariate: by its name, or as asked."""
-    return one.why == "as asked" or bool(CIRCUMSTANCE.fullmatch(one.name))
+    return meaning.why == "as asked" or bool(CIRCUMSTANCE.fullmatch(meaning.name))
 
 
-def _by_dh(found: Intake, source: Source, arm: DhTable, tracked: bool) -> Intake:
+def _by_dh(joined: Intake, source: Source, arm: DhTable, tracked: bool) -> Intake:
     """Return a campaign with the arm file of a table of DH parameters, whose rows are the log's joints.
 
     Raises:
         TableError: There are more or fewer of them.
     """
-    joints, notes = [name.removeprefix("q_") for name in found.columns if name.startswith("q_")], found.notes
+    joints, notes = [name.removeprefix("q_") for name in joined.columns if name.startswith("q_")], joined.notes
     if {*joints} == {f"{name}_joint" for name in UR}:  # ROS sorts them by name
         joints = [f"{name}_joint" for name in UR]
-    elif all(one[-1:].isdigit() for one in joints):
-        joints.sort(key=lambda one: int(re.findall(r"\d+", one)[-1]))
+    elif all(joint[-1:].isdigit() for joint in joints):
+        joints.sort(key=lambda joint: int(re.findall(r"\d+", joint)[-1]))
     else:
         notes = (*notes, f"the rows of {source.title} are {listing(joints)}")
     if len(joints) != len(arm.rows):
         text = f"has {len(arm.rows)} rows, and the log {len(joints)} joints: {listing(joints)}"
         raise TableError(Place(source.path), text)
-    units = {what.removeprefix("joint "): (column, unit) for _, column, what, unit, _ in found.taken}
+    units = {what.removeprefix("joint "): (column, unit) for _, column, what, unit, _ in joined.taken}
     for row, (name, slides) in enumerate(zip(joints, arm.slides, strict=True)):
         column, unit = units.get(name, (name, "rad"))
         if unit != "rad" and (unit in LENGTHS) != slides:
             text = f"joint {name!r} {'slides' if slides else 'turns'}, and column {column!r} of the log is in {unit}"
             raise TableError(Place(source.path, source.lines[row]), text)
-    taken = (*((source.title, *cells) for cells in arm.taken), *found.taken)
-    text = arm_text(arm.lines(joints), "flange", found.declare, tracked)
-    return replace(found, taken=taken, notes=notes, arm=text)
+    taken = (*((source.title, *cells) for cells in arm.taken), *joined.taken)
+    text = arm_text(arm.lines(joints), "flange", joined.declare, tracked)
+    return replace(joined, taken=taken, notes=notes, arm=text)
 
 
 def _named_alike(
     sources: Sequence[Source], understood: Sequence[tuple[Meaning, ...]], log: int, exports: Sequence[int]
 ) -> tuple[Meaning, ...]:
     """Return what a log's columns are, one without a meaning among them its names where most are those of points."""
-    own, source = understood[log], sources[log]
+    meant, source = understood[log], sources[log]
     given = [cells for i in exports if (cells := _cells(sources[i], understood[i], "name")) is not None]
-    if not given or any(one.kind == "name" and one.why != COUNTS for one in own):
-        return own
-    labels = [str(one).split("::")[-1].strip() for cells in given for one in cells]
+    if not given or any(meaning.kind == "name" and meaning.why != COUNTS for meaning in meant):
+        return meant
+    labels = [str(label).split("::")[-1].strip() for cells in given for label in cells]
     labels = [*labels, *(match[1] for label in labels if (match := TARGET.fullmatch(label)))]
-    for i, (one, cells) in enumerate(zip(own, source.columns, strict=True)):
+    for i, (meaning, cells) in enumerate(zip(meant, source.columns, strict=True)):
         pairing = None
-        if one.kind in ("covariate", "unused"):
+        if meaning.kind in ("covariate", "unused"):
             pairing = paired_names(list(map(str, cells)), labels, by_number=False)
         if pairing is not None and 2 * len(pairing.shared) > len(cells):
-            named = replace(one, kind="name", name="pose", unit="", why="the points' names")
-            others = [replace(other, kind="unused") if other.kind == "name" else other for other in own]
+            named = replace(meaning, kind="name", name="pose", unit="", why="the points' names")
+            others = [replace(other, kind="unused") if other.kind == "name" else other for other in meant]
             return (*others[:i], named, *others[i + 1 :])
-    return own
+    return meant
 
 
 def _as_robot(of_log: tuple[Meaning, ...], robot: Robot) -> tuple[tuple[Meaning, ...], list[str]]:
@@ -338,29 +347,37 @@ def _as_robot(of_log: tuple[Meaning, ...], robot: Robot) -> tuple[tuple[Meaning,
 
     Joints that a controller only numbers are those of the file, base to tip.
     """
-    named, moving = [one.name for one in of_log if one.kind == "joint"], [one.name for one in robot.moving]
-    kinds = {one.name: one.kind for one in robot.moving}
-    for one in of_log:
-        slides = kinds.get(one.name) == "prismatic"
+    named, moving = (
+        [meaning.name for meaning in of_log if meaning.kind == "joint"],
+        [meaning.name for meaning in robot.moving],
+    )
+    kinds = {joint.name: joint.kind for joint in robot.moving}
+    for meaning in of_log:
+        slides = kinds.get(meaning.name) == "prismatic"
         if (
-            one.kind == "joint"
-            and one.name in kinds
-            and one.unit not in (None, "rad")
-            and (one.unit in LENGTHS) != slides
+            meaning.kind == "joint"
+            and meaning.name in kinds
+            and meaning.unit not in (None, "rad")
+            and (meaning.unit in LENGTHS) != slides
         ):
-            text = f"column {one.column!r} is in {one.unit}, and joint {one.name!r} of {robot.urdf.path.name}"
+            text = (
+                f"column {meaning.column!r} is in {meaning.unit}, and joint {meaning.name!r} of {robot.urdf.path.name}"
+            )
             return of_log, [f"{text} {'slides' if slides else 'turns'}"]
     if set(moving) <= set(named):
         off = {"kind": "unused", "unit": "", "why": "no joint between base and tip"}
         return tuple(
-            replace(one, **off) if one.kind == "joint" and one.name not in moving else one for one in of_log
+            replace(meaning, **off) if meaning.kind == "joint" and meaning.name not in moving else meaning
+            for meaning in of_log
         ), []
-    numbered = [re.fullmatch(r"\D*?(\d)", one) for one in named]
+    numbered = [re.fullmatch(r"\D*?(\d)", joint) for joint in named]
     if [match and int(match[1]) for match in numbered] != list(range(1, len(moving) + 1)):
         text = f"the log has joints {listing(named)}, and {robot.urdf.path.name} has {listing(moving)}"
         return of_log, [f"{text}: --take 'COLUMN=q_{moving[0]}'"]
     by = dict(zip(named, moving, strict=True))
-    return tuple(replace(one, name=by[one.name]) if one.kind == "joint" else one for one in of_log), []
+    return tuple(
+        replace(meaning, name=by[meaning.name]) if meaning.kind == "joint" else meaning for meaning in of_log
+    ), []
 
 
 def _chosen(
@@ -392,13 +409,17 @@ def _one_log(
 
     Joints with different names are joined over time; where two topics have the same joint, one of them is chosen.
     """
-    logs = [i for i, own in enumerate(understood) if sources[i].part and any(one.kind == "joint" for one in own)]
+    logs = [
+        i for i, meant in enumerate(understood) if sources[i].part and any(meaning.kind == "joint" for meaning in meant)
+    ]
     parts = {sources[i].part: i for i in logs}
     if unknown := [name for name in topics if name not in parts]:
         hint = did_you_mean(unknown[0], parts)
         text = f"--joints {unknown[0]}: no recording has joints there{hint} (they are in: {listing(parts)})"
         return list(sources), list(understood), [text]
-    of_topic = {part: {one.name for one in understood[i] if one.kind == "joint"} for part, i in parts.items()}
+    of_topic = {
+        part: {meaning.name for meaning in understood[i] if meaning.kind == "joint"} for part, i in parts.items()
+    }
     chosen = list(topics) or list(parts)
     for part in chosen:
         rivals = [other for other in chosen if of_topic[other] & of_topic[part]]
@@ -409,12 +430,12 @@ def _one_log(
             both = listing(sorted(of_topic[rivals[0]] & of_topic[rivals[1]]))
             text = f"{listing(rivals)} have the same joints ({both}): --joints {rivals[0]}, or the other"
             return list(sources), list(understood), [f"{sources[parts[part]].path}: {text}"]
-    own = [parts[part] for part in parts if part in chosen]
-    kept = [i for i in range(len(sources)) if i not in logs or i in own]
-    if len(own) > 1 and len({sources[i].path for i in own}) == 1:
-        first, merged = own[0], together([sources[i] for i in own])
-        kept = [i for i in kept if i == first or i not in own]
-        meant = {one.column: one for i in own for one in understood[i]}
+    chosen_parts = [parts[part] for part in parts if part in chosen]
+    kept = [i for i in range(len(sources)) if i not in logs or i in chosen_parts]
+    if len(chosen_parts) > 1 and len({sources[i].path for i in chosen_parts}) == 1:
+        first, merged = chosen_parts[0], together([sources[i] for i in chosen_parts])
+        kept = [i for i in kept if i == first or i not in chosen_parts]
+        meant = {meaning.column: meaning for i in chosen_parts for meaning in understood[i]}
         return (
             [merged if i == first else sources[i] for i in kept],
             [tuple(meant[name] for name in merged.header) if i == first else understood[i] for i in kept],
@@ -423,17 +444,17 @@ def _one_log(
     return [sources[i] for i in kept], [understood[i] for i in kept], []
 
 
-def _moved(source: Source, own: Sequence[Meaning]) -> tuple[Array, str]:
+def _moved(source: Source, meant: Sequence[Meaning]) -> tuple[Array, str]:
     """Return (N, d) joint positions [rad] of a log, else (N, 3) places [m], and that unit."""
-    kind, unit = ("joint", "rad") if any(one.kind == "joint" for one in own) else ("coordinate", "m")
-    return np.column_stack([*_numbers(source, own, (kind,)).values()]), unit
+    kind, unit = ("joint", "rad") if any(meaning.kind == "joint" for meaning in meant) else ("coordinate", "m")
+    return np.column_stack([*_numbers(source, meant, (kind,)).values()]), unit
 
 
-def _filled(source: Source, own: Sequence[Meaning]) -> Source:
+def _filled(source: Source, meant: Sequence[Meaning]) -> Source:
     """Return a log with the joints that are empty in rows of other topics' messages there, see `between`."""
-    values = {i: numbers(source.columns[i]) for i, one in enumerate(own) if one.kind == "joint"}
+    values = {i: numbers(source.columns[i]) for i, meaning in enumerate(meant) if meaning.kind == "joint"}
     gaps = {i: read for i, cells in values.items() if (read := np.isfinite(cells)).any() and not read.all()}
-    if source.part or not gaps or (time := times(source, own)) is None or not np.isfinite(time).all():
+    if source.part or not gaps or (time := times(source, meant)) is None or not np.isfinite(time).all():
         return source
     time, columns = spread(time), list(source.columns)
     for i, read in gaps.items():
@@ -450,7 +471,7 @@ def _standing(
         InputError: The arm never stands, or two recordings do not match.
     """
     clocks, notes, shifts = dict[int, Array](), list[str](), dict[Path, float]()
-    sources = [_filled(source, own) for source, own in zip(sources, understood, strict=True)]
+    sources = [_filled(source, meant) for source, meant in zip(sources, understood, strict=True)]
     moved = {i: _moved(sources[i], understood[i]) for i in (log, *exports)}
     for i, (values, unit) in moved.items():
         if (time := times(sources[i], understood[i])) is not None and is_dense(even := spread(time), values, unit):
@@ -484,10 +505,10 @@ def _standing(
         sources[i], understood[i] = _one_sided(sources[i], understood[i])
         sources[i] = reduced(sources[i], clocks[i], spans, shift)
         understood[i] = tuple(
-            replace(one, kind="unused", why="a signal of a recording")
-            if one.kind == "covariate" and not _is_kept(one)
-            else one
-            for one in understood[i]
+            replace(meaning, kind="unused", why="a signal of a recording")
+            if meaning.kind == "covariate" and not _is_kept(meaning)
+            else meaning
+            for meaning in understood[i]
         )
     return sources, notes
 
@@ -524,18 +545,18 @@ def _campaign(
         else:
             pairs, names, how, about = _joined(log, of_log, names, sources[i], understood[i])
         hows, notes = [*hows, how], [*notes, *about]
-        for target, own in pairs.items():
+        for target, row_of in pairs.items():
             label = target if len(points) < 2 else str(len(placed) + 1)
-            if i != log_at and own is next(iter(pairs.values())):
-                exported.append((i, own))
+            if i != log_at and row_of is next(iter(pairs.values())):
+                exported.append((i, row_of))
             if not placed and (four := _turns(sources[i], understood[i])) is not None:
-                turned = np.where((own >= 0)[:, None], four[own], np.nan)
-            placed[label] = np.where((own >= 0)[:, None], xyz[own], np.nan)
-    path = not points and not pictures and not any(one.kind == "picture" for one in of_log)
+                turned = np.where((row_of >= 0)[:, None], four[row_of], np.nan)
+            placed[label] = np.where((row_of >= 0)[:, None], xyz[row_of], np.nan)
+    path = not points and not pictures and not any(meaning.kind == "picture" for meaning in of_log)
     columns: dict[str, Sequence[Any]] = {"via" if path else "pose": names}
-    for one in of_log:
-        if one.kind == "kept":
-            columns[one.name] = list(map(str, _cells(log, (one,), "kept") or ()))
+    for meaning in of_log:
+        if meaning.kind == "kept":
+            columns[meaning.name] = list(map(str, _cells(log, (meaning,), "kept") or ()))
     timed = times(log, of_log)
     if timed is not None and not (there := np.isfinite(timed)).all():
         notes.append(f"times are left out: line {log.lines[int(there.argmin())]} of {log.path.name} has none")
@@ -552,42 +573,47 @@ def _campaign(
         columns[f"q_{name}"] = values.tolist()
     for number, (target, xyz) in enumerate(placed.items()):
         head = ("x", "y", "z") if number == 0 else tuple(f"target{target}_{axis}" for axis in "xyz")
-        known = np.isfinite(xyz).all(axis=1)
+        measured = np.isfinite(xyz).all(axis=1)
         for i, axis in enumerate(head):
-            columns[axis] = [float(at) if own else "" for at, own in zip(xyz[:, i], np.atleast_1d(known), strict=True)]
+            columns[axis] = [
+                float(at) if is_measured else ""
+                for at, is_measured in zip(xyz[:, i], np.atleast_1d(measured), strict=True)
+            ]
         if number == 0:
             columns["sigma"] = [sigmas[0]] * len(names)
     if len(turned) and sigmas[1] is None:
         notes.append("orientations of the target are not used: --sigma-r 0.5mrad says how well one is measured")
     elif len(turned):
-        known = np.asarray(np.isfinite(turned).all(axis=1))
-        vectors = Rotation.from_quat(np.where(known[:, None], turned, [0.0, 0.0, 0.0, 1.0])).as_rotvec()
+        measured = np.asarray(np.isfinite(turned).all(axis=1))
+        vectors = Rotation.from_quat(np.where(measured[:, None], turned, [0.0, 0.0, 0.0, 1.0])).as_rotvec()
         for axis, column in zip(("rx", "ry", "rz"), vectors.T, strict=True):
-            columns[axis] = [float(at) if own else "" for at, own in zip(column, known, strict=True)]
+            columns[axis] = [float(at) if is_measured else "" for at, is_measured in zip(column, measured, strict=True)]
         columns["sigma_r"] = [sigmas[1]] * len(names)
-    for one in of_log:
-        if one.kind == "picture":
-            columns[one.name] = list(map(str, _cells(log, (one,), "picture") or ()))
+    for meaning in of_log:
+        if meaning.kind == "picture":
+            columns[meaning.name] = list(map(str, _cells(log, (meaning,), "picture") or ()))
     for i in pictures:
         pairs, _, how, about = _joined(log, of_log, names, sources[i], understood[i])
         hows, notes, whole = [*hows, f"pictures {how}"], [*notes, *about], sources[i].path.is_dir()
         name, cells = next(
-            (one.name, _cells(sources[i], (one,), "picture")) for one in understood[i] if one.kind == "picture"
+            (meaning.name, _cells(sources[i], (meaning,), "picture"))
+            for meaning in understood[i]
+            if meaning.kind == "picture"
         )
         folder = Path(os.path.relpath(sources[i].path, beside)) if whole else Path()
-        own = [(folder / str(one)).as_posix() for one in cells or ()]
-        columns[name] = [own[k] if k >= 0 else "" for k in pairs[""]]
-    for one, cells in zip(of_log, log.columns, strict=True):
-        if one.kind == "covariate" and one.name not in columns:  # a socket, a height that was read in some rows
+        paths = [(folder / str(one)).as_posix() for one in cells or ()]
+        columns[name] = [paths[k] if k >= 0 else "" for k in pairs[""]]
+    for meaning, cells in zip(of_log, log.columns, strict=True):
+        if meaning.kind == "covariate" and meaning.name not in columns:  # a socket, a height that was read in some rows
             values = numbers(cells)
-            columns[one.name] = values.tolist() if np.isfinite(values).all() else list(map(str, cells))
-    for i, own in exported:
-        notes += _add_beside(columns, sources[i], understood[i], own)
+            columns[meaning.name] = values.tolist() if np.isfinite(values).all() else list(map(str, cells))
+    for i, row_of in exported:
+        notes += _add_beside(columns, sources[i], understood[i], row_of)
     table = tuple(
-        (source.title, one.column, _words(one), one.unit or "", one.why)
-        for i, (source, own) in enumerate(zip(sources, understood, strict=True))
+        (source.title, meaning.column, _words(meaning), meaning.unit or "", meaning.why)
+        for i, (source, meant) in enumerate(zip(sources, understood, strict=True))
         if i in (log_at, *points) or not source.part
-        for one in own
+        for meaning in meant
     )
     declare = "\n".join(
         f'[instrument.target{target}]\nkind = "position"\nlink = "TIP"          # the link that it is on\n'
@@ -599,7 +625,7 @@ def _campaign(
 
 
 def _add_beside(
-    columns: dict[str, Sequence[Any]], source: Source, meant: Sequence[Meaning], own: np.ndarray
+    columns: dict[str, Sequence[Any]], source: Source, meant: Sequence[Meaning], row_of: np.ndarray
 ) -> list[str]:
     """Add what an export has beside its readings to a campaign; return what is left out of it, in words.
 
@@ -607,44 +633,50 @@ def _add_beside(
         columns: Of the campaign; they are not replaced.
         source: The export.
         meant: What its columns are.
-        own: (N,) its row for each of the campaign, -1 for none.
+        row_of: (N,) its row for each of the campaign, -1 for none.
     """
-    for one, cells in zip(meant, source.columns, strict=True):
-        if one.kind in ("covariate", "kept") and one.name not in columns:
-            values, there = numbers(cells)[own], own >= 0
-            texts = [str(cells[k]) if k >= 0 else "" for k in own]
-            columns[one.name] = values.tolist() if (np.isfinite(values) & there).all() else texts
-    if "time" not in columns and (own >= 0).all() and (seconds := times(source, meant)) is not None:
+    for meaning, cells in zip(meant, source.columns, strict=True):
+        if meaning.kind in ("covariate", "kept") and meaning.name not in columns:
+            values, there = numbers(cells)[row_of], row_of >= 0
+            texts = [str(cells[k]) if k >= 0 else "" for k in row_of]
+            columns[meaning.name] = values.tolist() if (np.isfinite(values) & there).all() else texts
+    if "time" not in columns and (row_of >= 0).all() and (seconds := times(source, meant)) is not None:
         clock = _clock(source, meant, seconds) if np.isfinite(seconds).all() else None
-        columns |= {} if clock is None else {"time": [clock[k] for k in own]}
-    left = [repr(one.column) for one in meant if one.kind == "unused" and one.why == "of the instrument"]
+        columns |= {} if clock is None else {"time": [clock[k] for k in row_of]}
+    left = [
+        repr(meaning.column) for meaning in meant if meaning.kind == "unused" and meaning.why == "of the instrument"
+    ]
     text = f"{listing(left, 8)} of {source.title} left out, as of the instrument: --take 'COLUMN=NAME' keeps one"
     return [text] if left else []
 
 
-def _clock(source: Source, own: Sequence[Meaning], seconds: Array) -> list[Any]:
+def _clock(source: Source, meant: Sequence[Meaning], seconds: Array) -> list[Any]:
     """Return times [s] as a campaign has them: dates where the clock has them (ISO 8601), else from the first."""
     if not seconds.min() > SINCE_1970:
         return (seconds - seconds.min()).tolist()
-    cells = _cells(source, own, "time")
+    cells = _cells(source, meant, "time")
     counted = cells is not None and np.isfinite(numbers(cells)).any()  # of Unix: in UTC
-    dates = [datetime.fromtimestamp(float(one), UTC) for one in seconds]
-    return [(one if counted else one.replace(tzinfo=None)).isoformat() for one in dates]
+    dates = [datetime.fromtimestamp(float(second), UTC) for second in seconds]
+    return [(date if counted else date.replace(tzinfo=None)).isoformat() for date in dates]
 
 
-def _words(one: Meaning) -> str:
-    words = {"joint": f"joint {one.name}", "coordinate": f"measured {one.name}", "name": "name of the row or point"}
-    words |= {"turn": f"measured orientation {one.name}", "picture": f"picture of {one.name}"}
-    words |= {"time": one.name, "kept": one.name, "covariate": "a covariate", "unused": "not used"}
-    return words[one.kind]
+def _words(meaning: Meaning) -> str:
+    words = {
+        "joint": f"joint {meaning.name}",
+        "coordinate": f"measured {meaning.name}",
+        "name": "name of the row or point",
+    }
+    words |= {"turn": f"measured orientation {meaning.name}", "picture": f"picture of {meaning.name}"}
+    words |= {"time": meaning.name, "kept": meaning.name, "covariate": "a covariate", "unused": "not used"}
+    return words[meaning.kind]
 
 
 def _settled(
-    source: Source, own: Sequence[Meaning], ask: Ask | None, slides: Sequence[str]
+    source: Source, meant: Sequence[Meaning], ask: Ask | None, slides: Sequence[str]
 ) -> tuple[tuple[Meaning, ...], list[str]]:
     """Return what columns are with every open unit settled, and what is wrong with them."""
-    found, wrong, answers = [], list[str](), dict[tuple[str, bool], str]()
-    for one in own:
+    settled, wrong, answers = [], list[str](), dict[tuple[str, bool], str]()
+    for one in meant:
         if one.kind in ("joint", "coordinate", "turn") and one.unit is None:
             length = one.kind == "coordinate" or (one.kind == "joint" and one.name in slides)
             choices, kind = ("mm", "m", "inch") if length else ("deg", "rad"), (one.kind, length)
@@ -658,24 +690,24 @@ def _settled(
                     f"{source.path}: the unit of column {one.column!r} is stated nowhere:"
                     f" --take '{one.column}={base}_{choices[0]}' or ={base}_{choices[1]}"
                 )
-        found.append(one)
+        settled.append(one)
     for name in dict.fromkeys(source.header):
         if source.header.count(name) > 1:
             wrong.append(f"{source.path}: two columns are called {name!r}: rename one")
     for kind in ("joint", "coordinate", "turn", "name", "time"):
-        named = [one for one in found if one.kind == kind]
-        for one in {one.name for one in named}:
+        named = [meaning for meaning in settled if meaning.kind == kind]
+        for one in {name.name for name in named}:
             twice = [other.column for other in named if other.name == one]
             if len(twice) > 1:
                 wrong.append(
                     f"{source.path}: columns {listing(map(repr, twice))} are all {_words(named[0])}: --take one"
                 )
     sampled = False  # so that a row is of one topic among several
-    if not wrong and any(one.kind in ("joint", "coordinate") for one in found):
-        values, unit = _moved(_filled(source, found), found)
-        found = counted(source, found, values, unit)
-        sampled = (time := times(source, found)) is not None and is_dense(spread(time), values, unit)
-    for one, cells in zip(found, source.columns, strict=True):
+    if not wrong and any(meaning.kind in ("joint", "coordinate") for meaning in settled):
+        values, unit = _moved(_filled(source, settled), settled)
+        settled = counted(source, settled, values, unit)
+        sampled = (time := times(source, settled)) is not None and is_dense(spread(time), values, unit)
+    for one, cells in zip(settled, source.columns, strict=True):
         if one.kind in ("joint", "coordinate", "time"):
             values = numbers(cells)
             bad = np.abs(values) > LARGEST
@@ -692,25 +724,27 @@ def _settled(
                 wrong += _implausible(source, one, values)
         if one.kind == "joint" and one.column in source.doubts:
             wrong.append(f"{source.path}: {source.doubts[one.column]}")
-    return tuple(found), wrong
+    return tuple(settled), wrong
 
 
-def _implausible(source: Source, one: Meaning, values: Array) -> list[str]:
+def _implausible(source: Source, meaning: Meaning, values: Array) -> list[str]:
     """Return what is wrong with (N,) numbers of a joint or a coordinate that no arm reaches, by line and column."""
-    turns = one.kind == "joint" and one.unit in UNITS["angle"]
-    size = np.abs(values) * (LENGTHS | UNITS["angle"] if one.kind == "joint" else LENGTHS)[one.unit or ""]
+    turns = meaning.kind == "joint" and meaning.unit in UNITS["angle"]
+    size = np.abs(values) * (LENGTHS | UNITS["angle"] if meaning.kind == "joint" else LENGTHS)[meaning.unit or ""]
     beyond = size > (2.0 * np.pi * MOST_TURNS if turns else MOST_METRES)
     if not beyond.any():
         return []
-    at, base = int(beyond.argmax()), f"q_{one.name}" if one.kind == "joint" else one.name
+    at, base = int(beyond.argmax()), f"q_{meaning.name}" if meaning.kind == "joint" else meaning.name
     what = f"{size[at] / (2.0 * np.pi):.4g} turns" if turns else f"{1e-3 * size[at]:.4g} km"
     more = f", and {np.count_nonzero(beyond) - 1} rows more" if np.count_nonzero(beyond) > 1 else ""
-    other = " or ".join(unit for unit in (("deg", "rad") if turns else ("mm", "m", "um")) if unit != one.unit)
-    text = f"{one.column!r} is {values[at]:.10g} {one.unit}, {what}{more}: no arm is there"
-    return [f"{Place(source.path, source.lines[at])}: {text}; empty it, or --take '{one.column}={base}_UNIT' ({other})"]
+    other = " or ".join(unit for unit in (("deg", "rad") if turns else ("mm", "m", "um")) if unit != meaning.unit)
+    text = f"{meaning.column!r} is {values[at]:.10g} {meaning.unit}, {what}{more}: no arm is there"
+    return [
+        f"{Place(source.path, source.lines[at])}: {text}; empty it, or --take '{meaning.column}={base}_UNIT' ({other})"
+    ]
 
 
-def _numbers(source: Source, own: Sequence[Meaning], kinds: tuple[str, ...]) -> dict[str, Array]:
+def _numbers(source: Source, meant: Sequence[Meaning], kinds: tuple[str, ...]) -> dict[str, Array]:
     """Return (N,) numbers of joints or coordinates in SI, by name; nan where a cell is empty."""
     factors = LENGTHS | UNITS["angle"]
 
@@ -718,21 +752,21 @@ def _numbers(source: Source, own: Sequence[Meaning], kinds: tuple[str, ...]) -> 
         return values if factor == 1.0 else np.round(values * factor, DIGITS)
 
     return {
-        one.name: converted(numbers(cells), factors[one.unit or ""])
-        for one, cells in zip(own, source.columns, strict=True)
-        if one.kind in kinds
+        meaning.name: converted(numbers(cells), factors[meaning.unit or ""])
+        for meaning, cells in zip(meant, source.columns, strict=True)
+        if meaning.kind in kinds
     }
 
 
-def _turns(source: Source, own: Sequence[Meaning]) -> Array | None:
+def _turns(source: Source, meant: Sequence[Meaning]) -> Array | None:
     """Return (N, 4) quaternions x y z w of a target, not a number where none was read; None where it has none."""
-    found = {
-        one.name: numbers(cells) * UNITS["angle"].get(one.unit or "", 1.0)
-        for one, cells in zip(own, source.columns, strict=True)
-        if one.kind == "turn"
+    parts = {
+        meaning.name: numbers(cells) * UNITS["angle"].get(meaning.unit or "", 1.0)
+        for meaning, cells in zip(meant, source.columns, strict=True)
+        if meaning.kind == "turn"
     }
-    if found.keys() >= {"qw", "qx", "qy", "qz"}:
-        four = np.column_stack([found[f"q{axis}"] for axis in "xyzw"])
+    if parts.keys() >= {"qw", "qx", "qy", "qz"}:
+        four = np.column_stack([parts[f"q{axis}"] for axis in "xyzw"])
         size = np.sqrt((four**2).sum(axis=1))
         four[size < 0.1] = np.nan  # noughts where nothing was set
         for i in np.flatnonzero(np.abs(size - 1.0) > ROUNDED)[:1] if np.isfinite(four).any() else ():
@@ -741,8 +775,8 @@ def _turns(source: Source, own: Sequence[Meaning]) -> Array | None:
                     Place(source.path, source.lines[i]), f"its quaternion is {size[i]:.4g} long, expected 1"
                 )
         return np.asarray(four / size[:, None], dtype=float)
-    if names := next((names for names in (VECTOR, ANGLES) if found.keys() >= set(names)), None):
-        three = np.column_stack([found[name] for name in names])
+    if names := next((names for names in (VECTOR, ANGLES) if parts.keys() >= set(names)), None):
+        three = np.column_stack([parts[name] for name in names])
         read, four = np.isfinite(three).all(axis=1), np.full((len(three), 4), np.nan)
         if read.any():
             turn = Rotation.from_rotvec(three[read]) if names == VECTOR else Rotation.from_euler("xyz", three[read])
@@ -751,42 +785,42 @@ def _turns(source: Source, own: Sequence[Meaning]) -> Array | None:
     return None
 
 
-def _one_sided(source: Source, own: tuple[Meaning, ...]) -> tuple[Source, tuple[Meaning, ...]]:
+def _one_sided(source: Source, meant: tuple[Meaning, ...]) -> tuple[Source, tuple[Meaning, ...]]:
     """Return a recording with its orientation as quaternions on one side, so that means of them exist."""
-    four = _turns(source, own)
+    four = _turns(source, meant)
     if four is None or not (read := np.isfinite(four).all(axis=1)).any():
-        return source, own
+        return source, meant
     apart = (four[read][1:] * four[read][:-1]).sum(axis=1) < 0.0
     four[read] *= np.cumprod(np.concatenate([[1.0], np.where(apart, -1.0, 1.0)]))[:, None]
-    kept = [i for i, one in enumerate(own) if one.kind != "turn"]
+    kept = [i for i, meaning in enumerate(meant) if meaning.kind != "turn"]
     names = ("qx", "qy", "qz", "qw")
     columns = (*(source.columns[i] for i in kept), *four.T)
     header = (*(source.header[i] for i in kept), *names)
     turns = (Meaning(name, "turn", name, "", "its orientation") for name in names)
-    return replace(source, header=header, columns=columns), (*(own[i] for i in kept), *turns)
+    return replace(source, header=header, columns=columns), (*(meant[i] for i in kept), *turns)
 
 
 def _unturned(sources: Sequence[Source], understood: Sequence[Sequence[Meaning]]) -> list[str]:
     """Return why no file has the orientation that --sigma-r is of, nothing where one has it."""
-    turns = [{one.name for one in own if one.kind == "turn"} for own in understood]
+    turns = [{meaning.name for meaning in meant if meaning.kind == "turn"} for meant in understood]
     whole = ({"qw", "qx", "qy", "qz"}, {*VECTOR}, {*ANGLES})
-    if any(names >= some for names in turns for some in whole):
+    if any(names >= names_of for names in turns for names_of in whole):
         return []
     wrong = list[str]()
-    for source, own in zip(sources, understood, strict=True):
+    for source, meant in zip(sources, understood, strict=True):
         text = f"{source.path}: --sigma-r, and no orientation is read"
-        quaternion = [one for one in own if one.name == "turn"]
-        wrong += [f"{text}: {one.column!r} is of {one.why}" for one in quaternion]
-        others = listing(repr(one.column) for one in own if one.kind in ("covariate", "unused", "turn"))
+        quaternion = [meaning for meaning in meant if meaning.name == "turn"]
+        wrong += [f"{text}: {meaning.column!r} is of {meaning.why}" for meaning in quaternion]
+        others = listing(repr(meaning.column) for meaning in meant if meaning.kind in ("covariate", "unused", "turn"))
         if not quaternion:
             text += f" (other columns: {others}): a quaternion is qw qx qy qz; --take 'COLUMN=rx_deg', ry_deg, rz_deg"
             wrong.append(f"{text} for a rotation vector, roll_deg, pitch_deg, yaw_deg for angles about fixed x, y, z")
     return wrong
 
 
-def _cells(source: Source, own: Sequence[Meaning], kind: str) -> Cells | None:
+def _cells(source: Source, meant: Sequence[Meaning], kind: str) -> Cells | None:
     every = dict(zip(source.header, source.columns, strict=True))
-    return next((every[one.column] for one in own if one.kind == kind and one.name != "date"), None)
+    return next((every[meaning.column] for meaning in meant if meaning.kind == kind and meaning.name != "date"), None)
 
 
 def _joined(
@@ -801,27 +835,27 @@ def _joined(
         TableError: Nothing says which rows are of one another: names that differ are no order.
     """
     wanted, given = _cells(log, of_log, "name"), _cells(export, of_export, "name")
-    count, what = len(log.lines), "picture" if any(one.kind == "picture" for one in of_export) else "point"
+    count, what = len(log.lines), "picture" if any(meaning.kind == "picture" for meaning in of_export) else "point"
     if what == "picture":
         given, wanted = list(map(str, given or ())), names
         if (pictured := _cells(log, of_log, "picture")) is not None:
-            wanted = [Path(str(one)).stem for one in pictured]
-    labels = [str(one).split("::")[-1].strip() for one in given or [""] * len(export.lines)]
-    split = [(match[1], match[2]) if (match := TARGET.fullmatch(one)) else (one, "") for one in labels]
+            wanted = [Path(str(picture)).stem for picture in pictured]
+    labels = [str(label).split("::")[-1].strip() for label in given or [""] * len(export.lines)]
+    split = [(match[1], match[2]) if (match := TARGET.fullmatch(label)) else (label, "") for label in labels]
     targets = sorted({target for _, target in split})
     if len(targets) < 2 or len({base for base, _ in split}) < 2 or what == "picture":
-        split, targets = [(one, "") for one in labels], [""]
+        split, targets = [(label, "") for label in labels], [""]
     several = f", targets {listing(targets)}" if len(targets) > 1 else ""
-    rows_of = {one: np.array([i for i, (_, own) in enumerate(split) if own == one]) for one in targets}
-    counted = what == "point" and any(one.kind == "name" and one.why == COUNTS for one in of_log)
+    rows_of = {target: np.array([i for i, (_, of) in enumerate(split) if of == target]) for target in targets}
+    counted = what == "point" and any(meaning.kind == "name" and meaning.why == COUNTS for meaning in of_log)
     pairing = None
     if wanted is not None and given is not None:
         pairing = paired_names(list(map(str, wanted)), [base for base, _ in split])
     if pairing is not None and not (counted and not pairing.shared >= set(pairing.points)):
-        found, spare = {}, list[int]()
-        for target, own in rows_of.items():
+        row_of, spare = {}, list[int]()
+        for target, rows in rows_of.items():
             left: dict[Hashable, list[int]] = {}
-            for i in own.tolist():
+            for i in rows.tolist():
                 left.setdefault(pairing.points[i], []).append(i)
             repeated = Counter(pairing.rows)
             for key, places in left.items():
@@ -834,26 +868,26 @@ def _joined(
                         f" {_lines(of_row)} of {log.path.name}: which is of which row is not known;"
                         " leave out what does not count, or give each a name of its own",
                     )
-            found[target] = np.array([left[key].pop(0) if left.get(key) else -1 for key in pairing.rows])
-            spare += [export.lines[i] for some in left.values() for i in some]
+            row_of[target] = np.array([left[key].pop(0) if left.get(key) else -1 for key in pairing.rows])
+            spare += [export.lines[i] for lines in left.values() for i in lines]
         notes = []
         if spare:
             at = listing(map(str, sorted(spare)), 5)
             notes.append(f"{len(spare)} {what}s of {export.path.name} belong to no row (lines {at})")
-        empty = [names[i] for i in range(count) if all(found[target][i] < 0 for target in targets)]
+        empty = [names[i] for i in range(count) if all(row_of[target][i] < 0 for target in targets)]
         if empty:
             notes.append(f"{listing(empty, 5)} without a {what}: {len(empty)} of {count} rows stay empty")
-        pairs = ((names[i], split[own[i]][0]) for own in found.values() for i in range(count) if own[i] >= 0)
+        pairs = ((names[i], split[row[i]][0]) for row in row_of.values() for i in range(count) if row[i] >= 0)
         if (differing := next((pair for pair in pairs if pair[0] != pair[1]), None)) and what == "point":
             notes.append(f"names are written in two ways: {differing[0]!r} of the log is point {differing[1]!r}")
-        return found, names, f"by {'the number in their names' if pairing.numbered else 'name'}{several}", notes
+        return row_of, names, f"by {'the number in their names' if pairing.numbered else 'name'}{several}", notes
     if log.spans is not None and export.spans is log.spans:
         empty = sum(not line for line in export.lines)
         notes = [f"{empty} of them have no reading of {export.title}"] if empty else []
         return {"": np.arange(count)}, names, "by time", notes
     at, of = times(log, of_log), times(export, of_export)
     timed = at is not None and of is not None and not (np.isnan(at).any() or np.isnan(of).any())
-    equal = all(len(own) == count for own in rows_of.values())
+    equal = all(len(rows) == count for rows in rows_of.values())
     recorded = log.spans is not None or export.spans is not None
     other = (
         what == "point"
@@ -865,32 +899,36 @@ def _joined(
     if at is not None and of is not None and timed and equal and len(targets) == 1:
         unlike = bool((np.argsort(at, kind="stable") != np.argsort(of, kind="stable")).any())
     if timed and at is not None and of is not None and (recorded or not equal or other or resorted or unlike):
-        found, shifts, apart = {}, [], []
-        for target, own in rows_of.items():
-            base, seconds = (log.spans, of[own]) if export.spans is None else (export.spans, at)
+        row_of, shifts, apart = {}, [], []
+        for target, rows in rows_of.items():
+            base, seconds = (log.spans, of[rows]) if export.spans is None else (export.spans, at)
             if base is None:
-                step = [float(np.median(np.diff(np.sort(one)))) if len(one) > 1 else 1.0 for one in (at, of[own])]
+                step = [
+                    float(np.median(np.diff(np.sort(stamps)))) if len(stamps) > 1 else 1.0 for stamps in (at, of[rows])
+                ]
                 base = np.sort(at)[:, None] + 0.5 * min(step) * np.array([-1.0, 1.0])
             order = np.arange(count) if log.spans is not None or export.spans is not None else np.argsort(at)
             spans, shift = paired(base, seconds)
             shifts.append(shift)
             if export.spans is not None:
-                found[target] = spans
+                row_of[target] = spans
                 continue
             row = np.full(count, -1)
-            for i, span in zip(own, spans, strict=True):
+            for i, span in zip(rows, spans, strict=True):
                 if span >= 0 and row[order[span]] < 0:
                     row[order[span]] = i
-            found[target] = row
+            row_of[target] = row
             apart += np.abs(of[row[row >= 0]] - shift - at[row >= 0]).tolist()
-        if any((row >= 0).any() for row in found.values()):
+        if any((row >= 0).any() for row in row_of.values()):
             off = max(shifts, key=abs)
             notes = [f"the clocks are {off:+.2f} s apart, as most {what}s then fall on a row"] if off else []
-            empty = sum(all(row[i] < 0 for row in found.values()) for i in range(count))
+            empty = sum(all(row[i] < 0 for row in row_of.values()) for i in range(count))
             notes += [f"{empty} rows have no {what} at their time"] if empty else []
             how = f"by time{several}" + (f", {float(np.median(apart)):.3g} s apart" if apart else "")
-            return found, names, how, notes
-    header = [next((one.column for one in own if one.kind == "name"), "") for own in (of_log, of_export)]
+            return row_of, names, how, notes
+    header = [
+        next((meaning.column for meaning in meant if meaning.kind == "name"), "") for meant in (of_log, of_export)
+    ]
     if equal and (other or (resorted and (wanted is None or counted))):
         called, of_rows = (listing(dict.fromkeys(map(str, cells)), 3) for cells in (labels, names))
         text = f"the rows of {log.path.name} are called {of_rows}" if other else f"{log.path.name} has no names"
@@ -901,7 +939,7 @@ def _joined(
         open_ = given is not None and wanted is None and what == "point"
         called = [split[i][0] for i in rows_of[targets[0]]] if open_ else names
         return rows_of, called, f"row by row: no name is in both files{several}", []
-    per = {len(own) for own in rows_of.values()}
+    per = {len(rows) for rows in rows_of.values()}
     problem = f"{count} rows of {log.path.name} and {listing(map(str, per))} {what}s of {export.path.name}"
     text = f"{problem} share no name and no time: add a column 'point' to the log, or the same names to both"
     raise TableError(Place(export.path), text)

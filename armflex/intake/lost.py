@@ -47,21 +47,21 @@ def lost(places: Array) -> np.ndarray:
     return gone
 
 
-def without_lost(source: Source, own: Sequence[Meaning]) -> Source:
+def without_lost(source: Source, meant: Sequence[Meaning]) -> Source:
     """Return a file whose coordinates and orientations are empty where its target was lost; a note says how often.
 
     Args:
         source: The file.
-        own: What its columns are; x, y and z among them, in any unit.
+        meant: What its columns are; x, y and z among them, in any unit.
 
     Raises:
         TableError: The target is lost in every row.
     """
-    at = {one.name: i for i, one in enumerate(own) if one.kind in ("coordinate", "turn")}
+    at = {meaning.name: i for i, meaning in enumerate(meant) if meaning.kind in ("coordinate", "turn")}
     if not {"x", "y", "z"} <= set(at):
         return source
     cells = [source.columns[at[axis]] for axis in "xyz"]
-    gone = lost(np.column_stack([numbers(one) for one in cells]))
+    gone = lost(np.column_stack([numbers(cells) for cells in cells]))
     for one in cells:
         if not isinstance(one, np.ndarray):  # what is neither a number nor nothing is an error, found later
             gone &= [bool(NUMBER.fullmatch(cell) or NO_READING.fullmatch(cell)) for cell in one]
@@ -73,7 +73,7 @@ def without_lost(source: Source, own: Sequence[Meaning]) -> Source:
         return source
     if gone.all():
         raise TableError(Place(source.path), f"{source.part or 'the target'} is lost in every row")
-    first = next((i for i in np.flatnonzero(gone).tolist() if any(str(one[i]) for one in cells)), None)
+    first = next((i for i in np.flatnonzero(gone).tolist() if any(str(cells[i]) for cells in cells)), None)
     columns: list[Cells] = list(source.columns)
     for i in at.values():
         column = columns[i]
@@ -83,7 +83,7 @@ def without_lost(source: Source, own: Sequence[Meaning]) -> Source:
             columns[i] = tuple("" if none else cell for none, cell in zip(gone, column, strict=True))
     if first is None:  # cells that are empty say it themselves
         return replace(source, columns=tuple(columns))
-    example = ", ".join(str(one[first]) for one in cells)
+    example = ", ".join(str(cells[first]) for cells in cells)
     text = f"{np.count_nonzero(gone)} of {len(gone)} rows of {source.title} have no reading"
     note = f"{text}: the target was lost, as in line {source.lines[first]} ({example})"
     return replace(source, columns=tuple(columns), notes=(*source.notes, note))

@@ -129,70 +129,73 @@ def meanings(
         joints: Names of the robot's, where its file is there.
         slides: Those of them that are lengths.
     """
-    comment = next(filter(None, (_unit_of_comment(one) for one in source.comments)), None)
-    found, parts = [], _parts_of_time(source)
+    comment = next(filter(None, (_unit_of_comment(text) for text in source.comments)), None)
+    meant, parts = [], _parts_of_time(source)
     for header, cells in zip(source.header, source.columns, strict=True):
-        own = taken.get(header)
-        meaning = parts.get(header) if own is None else None
-        if source.part and own is None and header.startswith(RECORDED):  # a message has names, and no units in them
+        given = taken.get(header)
+        meaning = parts.get(header) if given is None else None
+        if source.part and given is None and header.startswith(RECORDED):  # a message has names, and no units in them
             meaning = Meaning(header, "joint", header.removeprefix(RECORDED), "rad", "as ROS has it")
-        found.append(meaning or _meaning(own or header, header, cells, comment, own is not None, joints))
-    if any((one.kind, one.name) == ("time", "time") and one.column not in parts for one in found):
-        found = [replace(one, kind="unused", why="another is the time") if one.column in parts else one
-                 for one in found]  # fmt: skip
-    asked = {(one.kind, one.name) for one in found if one.column in taken}
-    found = [
-        replace(one, kind="unused", why="another is, as asked")
-        if (one.kind, one.name) in asked and one.column not in taken
-        else one
-        for one in found
+        meant.append(meaning or _meaning(given or header, header, cells, comment, given is not None, joints))
+    if any((meaning.kind, meaning.name) == ("time", "time") and meaning.column not in parts for meaning in meant):
+        meant = [replace(meaning, kind="unused", why="another is the time") if meaning.column in parts else meaning
+                 for meaning in meant]  # fmt: skip
+    asked = {(meaning.kind, meaning.name) for meaning in meant if meaning.column in taken}
+    meant = [
+        replace(meaning, kind="unused", why="another is, as asked")
+        if (meaning.kind, meaning.name) in asked and meaning.column not in taken
+        else meaning
+        for meaning in meant
     ]
-    clocks = [i for i, one in enumerate(found) if one.kind == "time" and ":" in str(source.columns[i][0])]
+    clocks = [i for i, meaning in enumerate(meant) if meaning.kind == "time" and ":" in str(source.columns[i][0])]
     if len(clocks) == 1:  # a day in a column of its own
-        found = [
-            replace(one, name="date")
-            if one.kind == "time" and i not in clocks and DAY.match(str(source.columns[i][0]))
-            else one
-            for i, one in enumerate(found)
+        meant = [
+            replace(meaning, name="date")
+            if meaning.kind == "time" and i not in clocks and DAY.match(str(source.columns[i][0]))
+            else meaning
+            for i, meaning in enumerate(meant)
         ]
-    for i, one in enumerate(found):
+    for i, one in enumerate(meant):
         values = numbers(source.columns[i]) if one.kind == "covariate" else np.zeros(0)
         if len(values) > 2 and (np.diff(values) == 1.0).all():
-            kinds = {other.kind for other in found}  # of a log without names
-            own = {"kind": "name", "name": "pose"} if "joint" in kinds and "name" not in kinds else {"kind": "unused"}
-            found[i] = replace(one, **own, unit="", why=COUNTS)
-    axes = {one.name for one in found if one.kind == "coordinate"}
-    found = (
-        _turned(source, found)
+            kinds = {other.kind for other in meant}  # of a log without names
+            role = {"kind": "name", "name": "pose"} if "joint" in kinds and "name" not in kinds else {"kind": "unused"}
+            meant[i] = replace(one, **role, unit="", why=COUNTS)
+    axes = {meaning.name for meaning in meant if meaning.kind == "coordinate"}
+    meant = (
+        _turned(source, meant)
         if axes == {"x", "y", "z"}
         else [
-            replace(one, kind="covariate", name=_plain(one.column), unit="") if one.kind == "turn" else one
-            for one in found
+            replace(meaning, kind="covariate", name=_plain(meaning.column), unit="")
+            if meaning.kind == "turn"
+            else meaning
+            for meaning in meant
         ]
     )
     if axes != {"x", "y", "z"}:  # an X of something else
-        found = [Meaning(one.column, "covariate", one.column, "", "a number") if one.kind == "coordinate" else one
-                 for one in found]  # fmt: skip
-    for i, one in enumerate(found):  # where a joint is, beside where it was to be
-        twin = [other for other in found if (other.kind, other.name) == ("joint", one.name) and other is not one]
+        for i, meaning in enumerate(meant):
+            if meaning.kind == "coordinate":
+                meant[i] = Meaning(meaning.column, "covariate", meaning.column, "", "a number")
+    for i, one in enumerate(meant):  # where a joint is, beside where it was to be
+        twin = [other for other in meant if (other.kind, other.name) == ("joint", one.name) and other is not one]
         if one.kind == "joint" and COMMANDED.search(one.column) and any(not COMMANDED.search(o.column) for o in twin):
-            found[i] = replace(one, kind="unused", unit="", why="commanded, and the position is there as well")
+            meant[i] = replace(one, kind="unused", unit="", why="commanded, and the position is there as well")
     # One joint beyond a turn shows the unit of all.
     sizes = [
         float(np.nanmax(np.abs(values)))
-        for one, cells in zip(found, source.columns, strict=True)
-        if one.kind == "joint" and one.unit is None and one.name not in slides
+        for meaning, cells in zip(meant, source.columns, strict=True)
+        if meaning.kind == "joint" and meaning.unit is None and meaning.name not in slides
         if np.isfinite(values := numbers(cells)).any()
     ]
     if sizes and max(sizes) > TURN:
         why = f"a value of {max(sizes):.4g} is no angle in rad"
-        found = [
-            replace(one, unit="deg", why=why)
-            if one.kind == "joint" and one.unit is None and one.name not in slides
-            else one
-            for one in found
+        meant = [
+            replace(meaning, unit="deg", why=why)
+            if meaning.kind == "joint" and meaning.unit is None and meaning.name not in slides
+            else meaning
+            for meaning in meant
         ]
-    return tuple(found)
+    return tuple(meant)
 
 
 def _parts_of_time(source: Source) -> dict[str, Meaning]:
@@ -234,16 +237,16 @@ def _meaning(text: str, header: str, cells: Cells, comment: str | None, asked: b
                 name = re.sub(r"[ .]", "_", short)
             else:
                 name = f"A{parts['kuka']}" if parts.get("kuka") else str(parts.get("name") or parts.get("listed"))
-            name = next((one for one in joints if one.lower() == name.lower()), name)
+            name = next((joint for joint in joints if joint.lower() == name.lower()), name)
             if unit in {"degree", "degrees", "grad"}:
                 unit = "deg"
             given = unit in UNITS["angle"] or unit in LENGTHS
-            known = unit if given else usual or None
+            length_unit = unit if given else usual or None
             reason = in_header if given else "as this controller writes it" if usual else why
-            return Meaning(header, "joint", name, known, reason)
+            return Meaning(header, "joint", name, length_unit, reason)
     if match := re.fullmatch(COORDINATE, word):
-        known = unit if unit in LENGTHS else comment
-        return Meaning(header, "coordinate", match["axis"], known, in_header if unit in LENGTHS else "a comment")
+        length_unit = unit if unit in LENGTHS else comment
+        return Meaning(header, "coordinate", match["axis"], length_unit, in_header if unit in LENGTHS else "a comment")
     if match := re.fullmatch(OF_MESSAGE, word):
         return Meaning(header, "coordinate", match["axis"], "m", "as ROS has it")
     if re.fullmatch(PICTURE, header.strip().lower()) and not isinstance(cells, np.ndarray) and "." in str(cells[0]):
@@ -257,8 +260,8 @@ def _meaning(text: str, header: str, cells: Cells, comment: str | None, asked: b
     if re.fullmatch(TIMES, word):
         largest = np.nanmax(values) if np.isfinite(values := numbers(cells)).any() else 0.0
         stamp = next((name for least, name in STAMPS if largest > least), "")
-        known = unit if unit in TIME_UNITS else stamp
-        return Meaning(header, "time", "time", known, in_header if unit else BY_SIZE if stamp else why)
+        length_unit = unit if unit in TIME_UNITS else stamp
+        return Meaning(header, "time", "time", length_unit, in_header if unit else BY_SIZE if stamp else why)
     if word in KEPT:
         return Meaning(header, "kept", word, "", why)
     if asked:  # called as the caller says
@@ -271,16 +274,19 @@ def _plain(header: str) -> str:
     return re.sub(r"\W+", "_", header).strip("_") or "column"
 
 
-def _turned(source: Source, found: Sequence[Meaning]) -> list[Meaning]:
+def _turned(source: Source, meant: Sequence[Meaning]) -> list[Meaning]:
     """Return what columns are where some of them are quaternions: beside x y z, and of length 1."""
     groups: dict[str, dict[str, int]] = {}
-    for i, one in enumerate(found):
-        match = TURN_OF.fullmatch(re.sub(r"\s*[\[(][^\])]*[\])]$", "", one.column.strip().lower()))
-        if match and one.kind in ("covariate", "joint"):
+    for i, meaning in enumerate(meant):
+        match = TURN_OF.fullmatch(re.sub(r"\s*[\[(][^\])]*[\])]$", "", meaning.column.strip().lower()))
+        if match and meaning.kind in ("covariate", "joint"):
             groups.setdefault(match["stem"], {})[match["axis"]] = i
-    settled, places = list(found), [source.columns[i] for i, one in enumerate(found) if one.kind == "coordinate"]
+    settled, places = (
+        list(meant),
+        [source.columns[i] for i, meaning in enumerate(meant) if meaning.kind == "coordinate"],
+    )
     gone = lost(np.column_stack([numbers(cells) for cells in places]))
-    for group in groups.values() if not any(one.kind == "turn" for one in found) else ():
+    for group in groups.values() if not any(meaning.kind == "turn" for meaning in meant) else ():
         axes = "".join(sorted(group, key="w01234xyz".index))
         if axes not in (*QUATERNIONS, "1234"):
             continue
@@ -290,18 +296,18 @@ def _turned(source: Source, found: Sequence[Meaning]) -> list[Meaning]:
             continue
         why = "four columns of length 1"
         for axis, name in zip(axes, QUATERNIONS.get(axes, "    "), strict=True):
-            own = settled[group[axis]]
+            part_meant = settled[group[axis]]
             if name != " ":
-                settled[group[axis]] = replace(own, kind="turn", name=f"q{name}", unit="", why=why)
+                settled[group[axis]] = replace(part_meant, kind="turn", name=f"q{name}", unit="", why=why)
             else:
                 part = "wxyz"[int(axis) - 1]
-                open_ = f"a quaternion, w first or last: --take '{own.column}=q{part}'"
-                settled[group[axis]] = replace(own, kind="unused", name="turn", unit="", why=open_)
+                open_ = f"a quaternion, w first or last: --take '{part_meant.column}=q{part}'"
+                settled[group[axis]] = replace(part_meant, kind="unused", name="turn", unit="", why=open_)
     return settled
 
 
 def _unit_of_comment(text: str) -> str | None:
     """Return the length unit that a comment or a title states: 'Units: Millimeters', 'Einheiten;mm', 'all in mm'."""
     words = r"(?:units?|einheit(?:en)?|unit[eé]s?)\b(?:[^:=]*[:=])?|\blength\b[^:=]*[:=]|\bin(?= (?:mm|met|mill))"
-    found = (match[1].lower() for match in re.finditer(rf"(?:{words})\W*([^\W\d_]+)", text, re.IGNORECASE))
-    return next((unit for unit in found if unit in LENGTHS), None)
+    units = (match[1].lower() for match in re.finditer(rf"(?:{words})\W*([^\W\d_]+)", text, re.IGNORECASE))
+    return next((unit for unit in units if unit in LENGTHS), None)

@@ -51,9 +51,9 @@ def paired_names(rows: Sequence[str], points: Sequence[str], by_number: bool = T
     for pairing in tried:
         pairs = ((pairing.rows, rows), (pairing.points, points))
         unique = all(len(set(keys)) == len(set(names)) for keys, names in pairs)
-        found = sum(key in pairing.shared for key in pairing.rows)
-        if unique and found > most and not _shifted(pairing, *counts):
-            best, most = pairing, found
+        shared = sum(key in pairing.shared for key in pairing.rows)
+        if unique and shared > most and not _shifted(pairing, *counts):
+            best, most = pairing, shared
     return best
 
 

@@ -27,17 +27,17 @@ EPOCH = re.compile(r"(?<!\d)(1\d{9})[._]?(\d{0,9})(?!\d)")
 
 def is_pictures(path: Path) -> bool:
     """Return whether a folder holds pictures."""
-    return path.is_dir() and any(one.suffix.lower() in SUFFIXES for one in path.iterdir())
+    return path.is_dir() and any(file.suffix.lower() in SUFFIXES for file in path.iterdir())
 
 
 def read_folder(path: Path) -> Source:
     """Return the pictures of a folder in the order of the numbers in their names, and their times."""
-    files = [one for one in path.iterdir() if one.suffix.lower() in SUFFIXES]
-    files.sort(key=lambda one: [(part.zfill(20), part) for part in re.split(r"(\d+)", one.name)])
-    stamps = [_stamp(one.stem) for one in files]
-    times = [one.stat().st_mtime if None in stamps else stamp for one, stamp in zip(files, stamps, strict=True)]
-    names = tuple(one.name for one in files)
-    columns = (names, tuple(one.stem for one in files), np.array(times, dtype=float))
+    files = [file for file in path.iterdir() if file.suffix.lower() in SUFFIXES]
+    files.sort(key=lambda file: [(part.zfill(20), part) for part in re.split(r"(\d+)", file.name)])
+    stamps = [_stamp(file.stem) for file in files]
+    times = [file.stat().st_mtime if None in stamps else stamp for file, stamp in zip(files, stamps, strict=True)]
+    names = tuple(file.name for file in files)
+    columns = (names, tuple(file.stem for file in files), np.array(times, dtype=float))
     return Source(path, ("picture", "name", "time"), tuple(range(1, len(files) + 1)), columns)
 
 
@@ -57,9 +57,9 @@ def board_of(text: str) -> str:
         InputError: It is none.
     """
     kind, *rest = (part.strip() for part in text.split(","))
-    known = [one for one in LENGTHS if one != "points"]
-    if kind not in known:
-        raise InputError(f"--board {text}: {kind!r} is no board (known: {listing(known)})")
+    units = [unit for unit in LENGTHS if unit != "points"]
+    if kind not in units:
+        raise InputError(f"--board {text}: {kind!r} is no board (known: {listing(units)})")
     form = ",".join([kind, "COLUMNSxROWS", *LENGTHS[kind], *(["DICTIONARY"] if kind in DICTIONARY else [])])
     size = re.fullmatch(r"(\d+)x(\d+)", rest[0]) if rest else None
     count = len(LENGTHS[kind])
@@ -89,13 +89,14 @@ def camera(source: Source, board: str, on_arm: bool, name: str, beside: Path) ->
         corners = Path(os.path.relpath(source.path, beside)).as_posix()
         return "\n".join([*lines, f'corners = "{corners}"', *LENS]), [], []
     try:
-        own: Board = read_board(Declaration(tomllib.loads(board)["board"], ("--board",), Text(source.path, "")))
-        found = [find_corners(source.path / str(one), own) for one in source.columns[0]]
+        printed: Board = read_board(Declaration(tomllib.loads(board)["board"], ("--board",), Text(source.path, "")))
+        found = [find_corners(source.path / str(picture), printed) for picture in source.columns[0]]
     except ArmflexError as error:
         return "", [], [str(error)]
-    read = [0 if one is None else int(np.isfinite(one[::2]).sum()) for one in found]
+    read = [0 if corners_of is None else int(np.isfinite(corners_of[::2]).sum()) for corners_of in found]
     seen = np.count_nonzero(read)
-    note = f"{seen} of {len(read)} pictures show the board, {np.median([one for one in read if one] or [0]):g} corners"
+    usual = np.median([count for count in read if count] or [0])
+    note = f"{seen} of {len(read)} pictures show the board, {usual:g} corners"
     if not seen:
         text = "no picture shows this board: are columns and rows (squares of a charuco board, else inner corners) as"
         return "", [], [f"{source.path}: {text} printed, and is the dictionary of its markers?"]
@@ -118,12 +119,12 @@ def _size(path: Path) -> tuple[int, int]:
 
 def _stamp(name: str) -> float | None:
     """Return the time that the name of a picture says [s], None where it says none."""
-    if found := STAMP.search(name):
-        *parts, decimals = found.groups()
+    if match := STAMP.search(name):
+        *parts, decimals = match.groups()
         try:
             return datetime(*map(int, parts), tzinfo=UTC).timestamp() + float(f"0.{decimals or 0}")
         except ValueError:
             return None
-    if found := EPOCH.search(name):
-        return int(found[1]) + float(f"0.{found[2] or 0}")
+    if match := EPOCH.search(name):
+        return int(match[1]) + float(f"0.{match[2] or 0}")
     return None

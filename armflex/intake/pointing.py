@@ -86,11 +86,11 @@ class Run:
     @property
     def columns(self) -> dict[str, Sequence[Any]]:
         """Of a campaign, by name."""
-        found: dict[str, Sequence[Any]] = {"pose": self.names}
-        found |= {} if self.time is None else {"time": self.time.tolist()}
-        found |= {f"q_{name}": own.tolist() for name, own in zip(self.joints, self.axes.T, strict=True)}
-        found |= dict(zip((f"{STAR}_azimuth", f"{STAR}_elevation"), self.star.T.tolist(), strict=True))
-        return found | self.beside
+        columns: dict[str, Sequence[Any]] = {"pose": self.names}
+        columns |= {} if self.time is None else {"time": self.time.tolist()}
+        columns |= {f"q_{name}": positions.tolist() for name, positions in zip(self.joints, self.axes.T, strict=True)}
+        columns |= dict(zip((f"{STAR}_azimuth", f"{STAR}_elevation"), self.star.T.tolist(), strict=True))
+        return columns | self.beside
 
 
 def is_pointing(path: Path) -> bool:
@@ -136,19 +136,19 @@ def _kept(lines: Sequence[str]) -> Iterator[tuple[int, str]]:
 
 def _numbers(text: str) -> list[float]:
     """Return the numbers that a line begins with; colons between them are blanks."""
-    found = []
+    numbers = []
     for cell in text.replace(":", " ").replace(",", " ").split():
         if not NUMBER.fullmatch(cell):
             break
-        found.append(float(cell))
-    return found
+        numbers.append(float(cell))
+    return numbers
 
 
 def _latitude(text: str) -> list[float]:
     """Return the numbers of a line that may be run parameters, none of another."""
-    found = _numbers(text)
-    fine = len(found) in (1, *range(3, 13)) and abs(found[0]) <= 90.0
-    return found if fine and all(0.0 <= one < 60.0 for one in found[1:3]) else []
+    parts = _numbers(text)
+    fine = len(parts) in (1, *range(3, 13)) and abs(parts[0]) <= 90.0
+    return parts if fine and all(0.0 <= part < 60.0 for part in parts[1:3]) else []
 
 
 def _read_tpoint(path: Path, lines: Sequence[str]) -> Run:
@@ -158,10 +158,10 @@ def _read_tpoint(path: Path, lines: Sequence[str]) -> Run:
     kept = kept[1:ended]
     options = [match[1].upper() for _, text in kept if (match := OPTION.fullmatch(text))]
     rows = [(number, text) for number, text in kept if not OPTION.fullmatch(text)]
-    mounts = [one for one in options if one in (*MOUNTS, "GIMBAL")]
+    mounts = [option for option in options if option in (*MOUNTS, "GIMBAL")]
     if "GIMBAL" in mounts or len(mounts) > 1:
         raise TableError(Place(path), f"is of mounts {listing(mounts)}, expected one of {listing(MOUNTS)}")
-    other = [one for one in options if one not in (*MOUNTS, "NODA", "ALLSKY") and not one.startswith("ROT")]
+    other = [option for option in options if option not in (*MOUNTS, "NODA", "ALLSKY") and not option.startswith("ROT")]
     notes += [f"options {listing(other)} are not used"] if other else []
     if not rows or not (given := _latitude(rows[0][1])):
         place = Place(path, rows[0][0] if rows else 1)
@@ -189,7 +189,7 @@ def _read_tpoint(path: Path, lines: Sequence[str]) -> Run:
         notes.append("places are apparent ones: what the air bends is in [instrument.star] refraction")
     air = {name: stated[name] for name in FIELDS[3:] if name in stated and name != "height"} if width == 14 else None
     names = tuple(str(i) for i in range(1, len(rows) + 1))
-    beside = _beside(rows, width, any(one.startswith("ROT") for one in options))
+    beside = _beside(rows, width, any(option.startswith("ROT") for option in options))
     lines_of = tuple(number for number, _ in rows)
     return Run(path, joints, lines_of, axes, star, names, time, beside, float(latitude), air, tuple(notes))
 
@@ -219,8 +219,8 @@ def _form(path: Path, row: tuple[int, str], count: int, mounts: Sequence[str]) -
 def _sexagesimal(path: Path, line: int, text: str, first: int, most: float = 360.0) -> float:
     """Return the angle or time of three numbers of a line; its sign is that before the first, also of -0."""
     cells = text.replace(":", " ").replace(",", " ").split()[first : first + 3]
-    whole, minutes, seconds = (abs(float(one)) for one in cells)
-    if whole > most or minutes >= 60.0 or seconds >= 60.0 or any(one.startswith("-") for one in cells[1:]):
+    whole, minutes, seconds = (abs(float(cell)) for cell in cells)
+    if whole > most or minutes >= 60.0 or seconds >= 60.0 or any(cell.startswith("-") for cell in cells[1:]):
         raise TableError(Place(path, line), f"has {' '.join(cells)!r}, expected up to {most:g}, minutes and seconds")
     return (-1.0 if cells[0].startswith("-") else 1.0) * (whole + minutes / 60.0 + seconds / 3600.0)
 
@@ -229,7 +229,7 @@ def _from_hours(
     path: Path, rows: Sequence[tuple[int, str]], latitude: np.float64, altaz: bool
 ) -> tuple[Array, Array, Array]:
     """Return (N, 2) star and axes [rad], hour angle and declination or azimuth and elevation, and (N,) times [s]."""
-    found, sidereal = [], []
+    readings, sidereal = [], []
     for number, text in rows:
         hours = [_sexagesimal(path, number, text, i, 24.0) for i in (0, 6)]
         degrees = [_sexagesimal(path, number, text, i) for i in (3, 9)]
@@ -239,11 +239,11 @@ def _from_hours(
                 Place(path, number), f"has the sidereal time {clock[0]:g} {clock[1]:g}, expected h and min"
             )
         sidereal.append(3600.0 * clock[0] + 60.0 * clock[1])
-        found.append([15.0 * hours[0], degrees[0], 15.0 * hours[1], degrees[1]])
-    places, clock = np.radians(found), np.array(sidereal)
-    angles = [np.column_stack([(TURN * clock / DAY - own[:, 0] + np.pi) % TURN - np.pi, own[:, 1]])
-              for own in (places[:, :2], places[:, 2:])]  # fmt: skip
-    star, axes = (_level(own, latitude) for own in angles) if altaz else angles
+        readings.append([15.0 * hours[0], degrees[0], 15.0 * hours[1], degrees[1]])
+    places, clock = np.radians(readings), np.array(sidereal)
+    angles = [np.column_stack([(TURN * clock / DAY - pair[:, 0] + np.pi) % TURN - np.pi, pair[:, 1]])
+              for pair in (places[:, :2], places[:, 2:])]  # fmt: skip
+    star, axes = (_level(pair, latitude) for pair in angles) if altaz else angles
     return star, axes, SIDEREAL * np.concatenate([[0.0], np.cumsum(np.diff(clock) % DAY)])
 
 
@@ -258,15 +258,15 @@ def _level(place: Array, latitude: np.float64) -> Array:
 def _beside(rows: Sequence[tuple[int, str]], width: int, rotated: bool) -> dict[str, Sequence[Any]]:
     """Return what stands in every row after the observation: the rotator's angle [rad], and other columns."""
     cells = [text.replace(":", " ").replace(",", " ").split()[width:] for _, text in rows]
-    found: dict[str, Sequence[Any]] = {}
+    columns: dict[str, Sequence[Any]] = {}
     for i in range(min(map(len, cells))):
-        own = [one[i] for one in cells]
-        numeric = all(NUMBER.fullmatch(cell) for cell in own)
+        texts = [row[i] for row in cells]
+        numeric = all(NUMBER.fullmatch(cell) for cell in texts)
         if i == 0 and rotated and numeric:
-            found["rotator"] = np.radians([float(cell) for cell in own]).tolist()
+            columns["rotator"] = np.radians([float(cell) for cell in texts]).tolist()
         else:
-            found[f"aux{i + 1}"] = [float(cell) for cell in own] if numeric else own
-    return found
+            columns[f"aux{i + 1}"] = [float(cell) for cell in texts] if numeric else texts
+    return columns
 
 
 def _read_records(path: Path, lines: Sequence[str]) -> Run:
@@ -281,27 +281,29 @@ def _read_records(path: Path, lines: Sequence[str]) -> Run:
         if not records or match[1] == "CAT" or match[1] in records[-1][1]:
             records.append((number, {}))
         records[-1][1][match[1]] = match[2]
-    whole = [one for one in records if AXES_AT in one[1] and STAR_AT in one[1]]
-    cut = [str(number) for number, own in records if AXES_AT not in own or STAR_AT not in own]
+    whole = [record for record in records if AXES_AT in record[1] and STAR_AT in record[1]]
+    cut = [str(number) for number, record in records if AXES_AT not in record or STAR_AT not in record]
     notes = [f"{len(cut)} records without {AXES_AT} or {STAR_AT} are left out (lines {listing(cut, 5)})"] if cut else []
-    found = np.empty((len(whole), 2, 2))
-    for row, (number, own) in zip(found, whole, strict=True):
+    angles = np.empty((len(whole), 2, 2))
+    for row, (number, record) in zip(angles, whole, strict=True):
         for place, key in zip(row, (AXES_AT, STAR_AT), strict=True):
-            values = _numbers(own[key])
-            if len(values) != 2 or len(own[key].split()) != 2:
-                raise TableError(Place(path, number), f"{key} is {shown(own[key], 40)}, expected elevation and azimuth")
+            values = _numbers(record[key])
+            if len(values) != 2 or len(record[key].split()) != 2:
+                raise TableError(
+                    Place(path, number), f"{key} is {shown(record[key], 40)}, expected elevation and azimuth"
+                )
             place[:] = np.radians(values[::-1])
-    if not len(found):
+    if not len(angles):
         raise TableError(Place(path), f"has no record with {AXES_AT} and {STAR_AT}")
-    names = tuple((own.get("CAT", "").split() or [str(i)])[0] for i, (_, own) in enumerate(whole, 1))
+    names = tuple((record.get("CAT", "").split() or [str(i)])[0] for i, (_, record) in enumerate(whole, 1))
     twice = len(set(names)) < len(names)
     names = tuple(f"{name} {i}" for i, name in enumerate(names, 1)) if twice else names
     time = None
-    if all("LST" in own for _, own in whole):
-        clock = np.array([3600.0 * _sexagesimal(path, number, own["LST"], 0, 24.0) for number, own in whole])
+    if all("LST" in record for _, record in whole):
+        clock = np.array([3600.0 * _sexagesimal(path, number, record["LST"], 0, 24.0) for number, record in whole])
         time = SIDEREAL * np.concatenate([[0.0], np.cumsum(np.diff(clock) % DAY)])
     lines_of = tuple(number for number, _ in whole)
-    return Run(path, MOUNTS["ALTAZ"], lines_of, found[:, 0], found[:, 1], names, time, notes=tuple(notes))
+    return Run(path, MOUNTS["ALTAZ"], lines_of, angles[:, 0], angles[:, 1], names, time, notes=tuple(notes))
 
 
 def instrument_text(run: Run) -> str:
@@ -331,7 +333,7 @@ def mount_text(run: Run) -> str:
         down = [-STANDARD_GRAVITY * float(part(run.latitude)) for part in (np.cos, np.sin)]
         down.insert(1, 0.0)
     first, second = run.joints
-    lines = ["[robot]", 'dh = "modified"', f"gravity = [{', '.join(f'{one:.9g}' for one in down)}]"]
+    lines = ["[robot]", 'dh = "modified"', f"gravity = [{', '.join(f'{component:.9g}' for component in down)}]"]
     lines += ["tool = { xyz = [1.0, 0.0, 0.0], rpy = [0.0, 0.0, 0.0] }   # the far end of what points", ""]
     lines += ["[robot.joint]", f"{first} = {{ alpha_deg = 180, mass = 10.0 }}"]
     lines += [

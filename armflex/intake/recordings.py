@@ -72,29 +72,29 @@ def _trace(path: Path) -> Source:
         {key.strip(): value.strip() for key, _, value in (line.partition(",") for line in match[1].splitlines())}
         for match in CHANNEL.finditer("".join(text_lines(path)))
     ]
-    stored = [one for one in channels if one.get("210", "EXPLICIT").upper().startswith("EXP")]
+    stored = [channel for channel in channels if channel.get("210", "EXPLICIT").upper().startswith("EXP")]
     try:
         columns: dict[str, Array] = {}
-        for number, one in zip(count(), channels, strict=False):
-            name, size = one.get("200") or f"channel {number + 1}", int(one["220"])
-            offset, factor = float(one.get("240") or 0.0), float(one.get("241") or 1.0)
+        for number, channel in zip(count(), channels, strict=False):
+            name, size = channel.get("200") or f"channel {number + 1}", int(channel["220"])
+            offset, factor = float(channel.get("240") or 0.0), float(channel.get("241") or 1.0)
             if size <= 0:
                 raise TableError(Place(path), f"channel {name!r} has {size} values")
-            if one in stored:
-                if one.get("214", "REAL64").upper() != "REAL64":
-                    raise TableError(Place(path), f"channel {name!r} is of type {one['214']}, expected REAL64")
-                data = np.frombuffer(read_file(path.parent / one["211"], MOST_BYTES), dtype="<f8")
-                block, place = one.get("213", "BLOCK").upper() == "BLOCK", int(one.get("221") or 1) - 1
-                others = sum(other.get("211") == one["211"] for other in stored)
+            if channel in stored:
+                if channel.get("214", "REAL64").upper() != "REAL64":
+                    raise TableError(Place(path), f"channel {name!r} is of type {channel['214']}, expected REAL64")
+                data = np.frombuffer(read_file(path.parent / channel["211"], MOST_BYTES), dtype="<f8")
+                block, place = channel.get("213", "BLOCK").upper() == "BLOCK", int(channel.get("221") or 1) - 1
+                others = sum(other.get("211") == channel["211"] for other in stored)
                 values = data[place:][: size * others : others] if block else data[place : place + size]
             else:
                 values = np.arange(size, dtype=float)
-            unit = one.get("202", "").replace("°", "deg").strip("[]")
+            unit = channel.get("202", "").replace("°", "deg").strip("[]")
             columns[f"{name} [{unit}]" if unit else name] = offset + factor * values
     except (KeyError, ValueError) as error:
         raise TableError(Place(path), f"a channel's header lacks or spoils {error}") from None
     except OSError as error:
         raise TableError(Place(path), f"its values cannot be read: {error.strerror}: {error.filename}") from None
-    if not columns or len({len(one) for one in columns.values()}) != 1:
+    if not columns or len({len(values) for values in columns.values()}) != 1:
         raise TableError(Place(path), "has no channels, or channels of different length")
     return recorded(path, "", columns)

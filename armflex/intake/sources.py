@@ -128,26 +128,28 @@ def read_table_source(path: Path) -> Source:
         heads = [cells for cells in reversed(said) if len(cells) == width and not any(map(_number, cells))]
     head, used = heads[0] if heads else None, heads[:1]
     known = {*LENGTHS, *UNITS["angle"], *UNITS["time"], "°", ""}
-    if len(heads) > 1 and head and all(UNIT.fullmatch(one) or one.lower() in known for one in head):  # below the names
+    if (
+        len(heads) > 1 and head and all(UNIT.fullmatch(cell) or cell.lower() in known for cell in head)
+    ):  # below the names
         units, used = (cell.strip("[]() ") for cell in head), heads[:2]
         head = [f"{name} [{unit}]" if unit else name for name, unit in zip(heads[1], units, strict=True)]
-    comments += [" ".join(cells) for _, cells in rows[:first] if not any(cells is one for one in used)]
+    comments += [" ".join(cells) for _, cells in rows[:first] if not any(cells is row for row in used)]
     body = rows[first:]
     for line, cells in body:
         if len(cells) != width:
             raise TableError(Place(path, line), f"has {len(cells)} cells where most rows have {width}")
     columns = [tuple(column) for column in zip(*(cells for _, cells in body), strict=True)]
-    found = Source(
+    source = Source(
         path,
         tuple(head or _names(columns)),
         tuple(line for line, _ in body),
         tuple(
-            tuple(cell.replace(".", "").replace(",", ".") if COMMA.fullmatch(cell) else cell for cell in one)
-            for one in columns
+            tuple(cell.replace(".", "").replace(",", ".") if COMMA.fullmatch(cell) else cell for cell in column)
+            for column in columns
         ),
         tuple(comments),
     )
-    return _named_joints(_by_point(found))
+    return _named_joints(_by_point(source))
 
 
 def _parted(texts: Sequence[str], mark: str) -> list[list[str]]:
@@ -165,9 +167,9 @@ def _split(lines: Sequence[tuple[int, str]]) -> tuple[list[tuple[int, list[str]]
         if width > 1 and count > 1.2 * most and len(cells) == len(lines):
             best, most, by = cells, float(count), mark
     width = Counter(map(len, best)).most_common(1)[0][0] if best else 0
-    if width > 1 and not any(one[-1] for one in best if len(one) == width):  # lines that end in a separator
-        best = [one[:-1] if len(one) == width else one for one in best]
-    return [(number, one) for (number, _), one in zip(lines, best, strict=True)], by
+    if width > 1 and not any(cells[-1] for cells in best if len(cells) == width):  # lines that end in a separator
+        best = [cells[:-1] if len(cells) == width else cells for cells in best]
+    return [(number, cells) for (number, _), cells in zip(lines, best, strict=True)], by
 
 
 def _by_point(source: Source) -> Source:
@@ -175,7 +177,7 @@ def _by_point(source: Source) -> Source:
     of_column = [
         [match[1].lower() if (match := AXIS.fullmatch(str(cell))) else "" for cell in cells] for cells in source.columns
     ]
-    lines = [i for i, own in enumerate(of_column) if 0 < own.count("x") == own.count("y") == own.count("z")]
+    lines = [i for i, axes in enumerate(of_column) if 0 < axes.count("x") == axes.count("y") == axes.count("z")]
     value = next((i for i, name in enumerate(source.header) if i not in lines and MEASURED.fullmatch(name)), None)
     texts = [i for i, cells in enumerate(source.columns) if not all(_number(str(cell)) for cell in cells if cell)]
     named = next((i for i in texts if i not in lines), None)
@@ -193,7 +195,10 @@ def _by_point(source: Source) -> Source:
             points[-1][2][axis] = str(cell)
     unit = source.header[value].partition("[")[2].strip("] ")
     head = ("name", *(f"{axis} [{unit}]" if unit else axis for axis in "xyz"))
-    columns = ([label for _, label, _ in points], *([own.get(axis, "") for _, _, own in points] for axis in "xyz"))
+    columns = (
+        [label for _, label, _ in points],
+        *([of_point.get(axis, "") for _, _, of_point in points] for axis in "xyz"),
+    )
     return replace(source, header=head, lines=tuple(line for line, *_ in points), columns=tuple(map(tuple, columns)))
 
 
@@ -205,15 +210,17 @@ def _named_joints(source: Source) -> Source:
     """
     header, columns = list(source.header), list(source.columns)
     for base in ("name", "position"):
-        at = next((i for i, one in enumerate(header) if re.fullmatch(rf"(?:\w+\.)*{base}", one)), None)
+        at = next((i for i, name in enumerate(header) if re.fullmatch(rf"(?:\w+\.)*{base}", name)), None)
         matches = [LISTED.fullmatch(str(cell)) for cell in columns[at]] if at is not None else []
         if at is not None and matches and all(matches):
             rows = [[part.strip("'\" ") for part in match[1].split(",")] for match in matches if match]
-            if len({len(one) for one in rows}) == 1:
+            if len({len(row) for row in rows}) == 1:
                 header[at : at + 1] = [f"{base}_{i}" for i in range(len(rows[0]))]
                 columns[at : at + 1] = list(zip(*rows, strict=True))
     of = {
-        base: {match[1]: i for i, one in enumerate(header) if (match := re.fullmatch(rf"(?:\w+\.)*{base}_?(\d+)", one))}
+        base: {
+            match[1]: i for i, name in enumerate(header) if (match := re.fullmatch(rf"(?:\w+\.)*{base}_?(\d+)", name))
+        }
         for base in ("name", "position")
     }
     pairs = [(of["name"][number], at) for number, at in of["position"].items() if number in of["name"]]
@@ -226,7 +233,7 @@ def _named_joints(source: Source) -> Source:
     if any(names != rows[0] for names in rows):
         cells = [dict(zip(names, (columns[at][i] for _, at in pairs), strict=True)) for i, names in enumerate(rows)]
         for k, (_, at) in enumerate(pairs):
-            columns[at] = tuple(own[rows[0][k]] for own in cells)
+            columns[at] = tuple(cell[rows[0][k]] for cell in cells)
     return replace(source, header=tuple(header), columns=tuple(columns))
 
 

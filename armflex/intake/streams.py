@@ -81,9 +81,9 @@ def spread(time: Array) -> Array:
     places, sizes = np.arange(len(time)) - np.repeat(first, counts), counts.copy()
     places[: counts[0]] += max(usual - counts[0], 0)  # a recording begins and ends within a stamp
     sizes[[0, -1]] = np.maximum(counts[[0, -1]], usual)
-    found = np.empty(len(time))
-    found[order] = time[order] + np.repeat(widths / sizes, counts) * places
-    return found
+    moments = np.empty(len(time))
+    moments[order] = time[order] + np.repeat(widths / sizes, counts) * places
+    return moments
 
 
 def aligned(series: Mapping[str, tuple[Array, Array]]) -> tuple[Array, dict[str, Array]]:
@@ -95,20 +95,20 @@ def aligned(series: Mapping[str, tuple[Array, Array]]) -> tuple[Array, dict[str,
     Args:
         series: (M,) times [s], ascending, and (M,) values of each, by name.
     """
-    time = np.unique(np.concatenate([own for own, _ in series.values()]))
-    return time, {name: between(time, own, values) for name, (own, values) in series.items()}
+    time = np.unique(np.concatenate([stamps for stamps, _ in series.values()]))
+    return time, {name: between(time, stamps, values) for name, (stamps, values) in series.items()}
 
 
-def between(time: Array, own: Array, values: Array) -> Array:
+def between(time: Array, stamps: Array, values: Array) -> Array:
     """Return one of the series of `aligned`, of (M,) times in any order, at (N,) times [s]."""
     if np.ptp(values) == 0.0:
         return np.full(len(time), values[0])
-    order = np.argsort(own, kind="stable")
-    own, values = own[order], values[order]
-    there = np.interp(time, own, values, left=np.nan, right=np.nan)
-    pauses = (np.diff(own) > max(STANDS, 5.0 * float(np.median(np.diff(own))))) & (np.diff(values) != 0.0)
+    order = np.argsort(stamps, kind="stable")
+    stamps, values = stamps[order], values[order]
+    there = np.interp(time, stamps, values, left=np.nan, right=np.nan)
+    pauses = (np.diff(stamps) > max(STANDS, 5.0 * float(np.median(np.diff(stamps))))) & (np.diff(values) != 0.0)
     for i in np.flatnonzero(pauses):
-        there[(time > own[i]) & (time < own[i + 1])] = np.nan
+        there[(time > stamps[i]) & (time < stamps[i + 1])] = np.nan
     return there
 
 
@@ -149,14 +149,14 @@ def dwells(time: Array, values: Array, unit: str) -> Array:
     span = maximum_filter1d(moved, size, axis=0) - minimum_filter1d(moved, size, axis=0)
     still = np.concatenate([[False], (span <= STILL[unit]).all(axis=1), [False]])
     edges = np.flatnonzero(np.diff(still.astype(int))).reshape(-1, 2)
-    found = []
+    spans = []
     for first, last in edges:
         first, last = max(first - size // 2, 0), min(last - 1 + size // 2, len(grid) - 1)
         start, end = grid[first], grid[last]
         creeps = np.ptp(moved[first : last + 1], axis=0).max() > 3.0 * STILL[unit]
         if end - start >= STANDS and not creeps:
-            found.append((start + (SETTLES if end - start >= 2.0 * SETTLES + STANDS else 0.0), end - 0.5 * SETTLES))
-    return np.array(found).reshape(-1, 2)
+            spans.append((start + (SETTLES if end - start >= 2.0 * SETTLES + STANDS else 0.0), end - 0.5 * SETTLES))
+    return np.array(spans).reshape(-1, 2)
 
 
 def reduced(source: Source, time: Array, spans: Array, shift: float) -> Source:
@@ -170,18 +170,18 @@ def reduced(source: Source, time: Array, spans: Array, shift: float) -> Source:
     order = np.argsort(time, kind="stable")
     sorted_time = time[order]
     ends = [(np.searchsorted(sorted_time, a), np.searchsorted(sorted_time, b, "right")) for a, b in spans + shift]
-    own = [order[a:b] for a, b in ends]
-    if not any(len(rows) for rows in own):
+    rows_in = [order[a:b] for a, b in ends]
+    if not any(len(rows) for rows in rows_in):
         raise InputError(f"{source.path}: nothing was recorded while the arm stood: were both recorded at once?")
     columns: list[Cells] = []
     for cells in source.columns:
         values = numbers(cells)
         if np.isfinite(values).any():
-            means = [values[rows][np.isfinite(values[rows])] for rows in own]
-            columns.append(np.array([some.mean() if len(some) else np.nan for some in means]))
+            means = [values[rows][np.isfinite(values[rows])] for rows in rows_in]
+            columns.append(np.array([read.mean() if len(read) else np.nan for read in means]))
         else:
-            columns.append(tuple(str(cells[rows[0]]) if len(rows) else "" for rows in own))
-    lines = tuple(source.lines[rows[0]] if len(rows) else 0 for rows in own)
+            columns.append(tuple(str(cells[rows[0]]) if len(rows) else "" for rows in rows_in))
+    lines = tuple(source.lines[rows[0]] if len(rows) else 0 for rows in rows_in)
     return replace(source, lines=lines, columns=tuple(columns), spans=spans)
 
 
@@ -217,7 +217,7 @@ def offset(time: Array, values: Array, other: Array, place: Array) -> float:
     rivals = np.union1d(find_peaks(match, 0.9 * match[best], distance=round(STANDS / STEP))[0], [best])
     if len(rivals) > 1:
         motions = np.count_nonzero(np.diff((speeds[0] > 0.0).astype(int)) > 0)
-        left = [_left(squares[0], squares[1].sum(axis=1), int(one) - len(speeds[0]) + 1) for one in rivals]
+        left = [_left(squares[0], squares[1].sum(axis=1), int(lag) - len(speeds[0]) + 1) for lag in rivals]
         best, (first, second) = int(rivals[np.argmin(left)]), np.sort(left)[:2]
         if motions * np.log(second / max(first, 1e-12)) < 2.0 * DISTINCT:
             raise InputError(
@@ -233,10 +233,10 @@ def offset(time: Array, values: Array, other: Array, place: Array) -> float:
 def _left(joints: Array, target: Array, lag: int) -> float:
     """Return which share of the variance of (M,) squared speeds the (N, n) of joints leave, so many steps before."""
     start, end = max(lag, 0), min(len(target), len(joints) + lag)
-    about, own = joints[start - lag : end - lag], target[start:end] - target[start:end].mean()
+    about, segment = joints[start - lag : end - lag], target[start:end] - target[start:end].mean()
     about = about - about.mean(axis=0)
-    left = own - about @ np.linalg.lstsq(about, own, rcond=None)[0]
-    return float(left @ left) / max(float(own @ own), 1e-300)
+    left = segment - about @ np.linalg.lstsq(about, segment, rcond=None)[0]
+    return float(left @ left) / max(float(segment @ segment), 1e-300)
 
 
 def paired(spans: Array, times: Array) -> tuple[np.ndarray, float]:
@@ -255,8 +255,8 @@ def paired(spans: Array, times: Array) -> tuple[np.ndarray, float]:
         return np.where((at >= spans[near, 0]) & (at <= spans[near, 1]), near, -1)
 
     def score(shift: float) -> int:
-        own = placed(shift)
-        return len(set(own[own >= 0].tolist()))
+        rows = placed(shift)
+        return len(set(rows[rows >= 0].tolist()))
 
     most = min(len(times), len(spans))
     if score(0.0) > 0.9 * most:
@@ -275,6 +275,6 @@ def _gridded(time: Array, values: Array) -> tuple[Array, Array]:
     """Return times [s] in steps of `STEP` and values (M, d) there, linear between samples."""
     order = np.argsort(time, kind="stable")
     time, values = time[order], values[order]
-    known = np.isfinite(values).all(axis=1) & np.isfinite(time)
-    grid = np.arange(time[known][0], time[known][-1] + STEP, STEP)
-    return grid, np.column_stack([np.interp(grid, time[known], one[known]) for one in values.T])
+    whole = np.isfinite(values).all(axis=1) & np.isfinite(time)
+    grid = np.arange(time[whole][0], time[whole][-1] + STEP, STEP)
+    return grid, np.column_stack([np.interp(grid, time[whole], column[whole]) for column in values.T])

@@ -251,9 +251,9 @@ LAWS: Registry[LawModel] = Registry(
 """`model` in arm.toml -> its law."""
 
 
-def soft(flexures: Iterable[Flexure], row: Row, known: Iterable[Flag] = ()) -> Iterator[Flag]:
+def soft(flexures: Iterable[Flexure], row: Row, raised: Iterable[Flag] = ()) -> Iterator[Flag]:
     """Yield flags about flexures that are softer than any steel joint, and that no known flag is about."""
-    flagged = {flag.about for flag in known if flag.code == "soft"}
+    flagged = {flag.about for flag in raised if flag.code == "soft"}
     for flexure in flexures:
         for law in () if flexure.name in flagged else flexure.law.leaves:
             for flag in softness(law.tangent(np.zeros(6), row)):

@@ -158,15 +158,15 @@ class Law(ABC):
 
     def covariance(self, wrench: Array, row: Row) -> Array | None:
         """Return the (..., 6, 6) covariance of the twist [m, rad], of values and scatter; None where none is known."""
-        found = self.scatter(wrench, row)
+        covariance = self.scatter(wrench, row)
         if self._root is not None:
             by = self.by_values(wrench, row) @ self._root
             by = by @ np.swapaxes(by, -1, -2)
-            found = by if found is None else by + found
-        if found is None:
+            covariance = by if covariance is None else by + covariance
+        if covariance is None:
             return None
         widened = np.square(self.widening(wrench, row))
-        return np.broadcast_to(found, (*wrench.shape, 6)) * widened[..., None, None]
+        return np.broadcast_to(covariance, (*wrench.shape, 6)) * widened[..., None, None]
 
     def draw(self, rng: np.random.Generator) -> Law:
         """Return a law drawn from what is known of this one: its values, not the scatter of single readings."""
@@ -300,8 +300,8 @@ class Compliance(Law):
 
     def tangent(self, wrench: Array, row: Row) -> Array:
         """Return C, of every load and every row."""
-        found = self.compliance(row)
-        return np.broadcast_to(found, np.broadcast_shapes(found.shape, (*wrench.shape, 6)))
+        compliance = self.compliance(row)
+        return np.broadcast_to(compliance, np.broadcast_shapes(compliance.shape, (*wrench.shape, 6)))
 
     def affine(self, row: Row) -> tuple[Array, Array]:
         """Return no twist and C."""
@@ -378,20 +378,22 @@ class Composed(Law):
         return np.concatenate([np.zeros(0), *(law.values for law in self.laws)])
 
     def at(self, values: Array) -> Law:
-        return self.with_laws([law.at(own) for law, own in zip(self.laws, split(self.laws, values), strict=True)])
+        return self.with_laws([law.at(part) for law, part in zip(self.laws, split(self.laws, values), strict=True)])
 
     def by_values(self, wrench: Array, row: Row) -> Array:
         shares = zip(self.laws, self.shares(wrench, row), strict=True)
-        found = [gain @ law.by_values(load, row) for law, (gain, load) in shares]
-        return np.concatenate([np.zeros((*wrench.shape, 0)), *found], axis=-1)
+        parts = [gain @ law.by_values(load, row) for law, (gain, load) in shares]
+        return np.concatenate([np.zeros((*wrench.shape, 0)), *parts], axis=-1)
 
     @property
     def values_covariance(self) -> Array | None:
-        known = [law.values_covariance for law in self.laws]
-        if all(one is None for one in known):
+        covariances = [law.values_covariance for law in self.laws]
+        if all(covariance is None for covariance in covariances):
             return None
-        pairs = zip(known, self.laws, strict=True)
-        return block_diagonal(*(np.zeros((len(law.values),) * 2) if one is None else one for one, law in pairs))
+        pairs = zip(covariances, self.laws, strict=True)
+        return block_diagonal(
+            *(np.zeros((len(law.values),) * 2) if covariance is None else covariance for covariance, law in pairs)
+        )
 
     def scatter(self, wrench: Array, row: Row) -> Array | None:
         return self._summed([law.scatter for law in self.laws], wrench, row)

@@ -47,22 +47,22 @@ class Row:
 
     def some(self, index: int | np.ndarray) -> Row:
         """Return one of N rows, or some of them; what all rows share stays as it is."""
-        known = {name: values[index] if np.ndim(values) else values for name, values in self.covariates.items()}
-        return Row(self.q[index] if self.q.ndim > 1 else self.q, self.joint_index, known)
+        columns = {name: values[index] if np.ndim(values) else values for name, values in self.covariates.items()}
+        return Row(self.q[index] if self.q.ndim > 1 else self.q, self.joint_index, columns)
 
     def repeated(self, count: int) -> Row:
         """Return N rows where a leading axis may have been left at 1 or out."""
-        known = {
+        columns = {
             name: np.broadcast_to(values, (count, *np.shape(values)[1:])) if np.ndim(values) else values
             for name, values in self.covariates.items()
         }
         q = np.broadcast_to(self.q, (count, *self.q.shape[1:])) if self.q.ndim > 1 else self.q
-        return Row(q, self.joint_index, known)
+        return Row(q, self.joint_index, columns)
 
     def widened(self) -> Row:
         """Return the row(s) with another axis, along which several loads of each are asked about."""
-        known = {name: np.asarray(values)[..., None] for name, values in self.covariates.items()}
-        return Row(self.q[..., None, :], self.joint_index, known)
+        columns = {name: np.asarray(values)[..., None] for name, values in self.covariates.items()}
+        return Row(self.q[..., None, :], self.joint_index, columns)
 
 
 NOWHERE = Row(np.zeros(0), {})

@@ -247,14 +247,14 @@ def _through(values: Array, x: Array, closes: bool) -> Array:
     x = x % n if closes else np.clip(x, 0.0, n - 1.0)
     k = np.minimum(np.nan_to_num(x).astype(int), last)
     if closes:
-        known = values[np.arange(-1, n + 2) % n]
+        through = values[np.arange(-1, n + 2) % n]
     else:
         # Of two knots the parabola is a line.
         ends = [
             3.0 * (side[0] - side[1]) + side[2] if n > 2 else 2.0 * side[0] - side[1] for side in (values, values[::-1])
         ]
-        known = np.concatenate([ends[:1], values, ends[1:]])
-    before, left, right, after = (known[k + i] for i in range(4))
+        through = np.concatenate([ends[:1], values, ends[1:]])
+    before, left, right, after = (through[k + i] for i in range(4))
     t = x - k
     square, cube = 2.0 * before - 5.0 * left + 4.0 * right - after, 3.0 * (left - right) + after - before
     return left + 0.5 * t * (right - before + t * (square + t * cube))
@@ -332,7 +332,7 @@ class Term:
     def carried(self, action: Array) -> Term:
         """Return the term of the law `action @ law(action.T @ w)`."""
         matrix = None if self.matrix is None else action @ self.matrix @ action.T
-        features = tuple(one.carried(action) for one in self.features)
+        features = tuple(feature.carried(action) for feature in self.features)
         return Term(action @ self.along, matrix, features, self.factors, _carried(self.window, action))
 
     def single(self) -> Iterator[Term]:
@@ -424,29 +424,29 @@ def twist_of(terms: Terms, load: Array, row: Row, weight: Weight = weight_of) ->
     """Return the (..., 6) twist of terms without windows under (..., 6) loads."""
     total = NOTHING
     for term in terms:
-        own = term.twist(load)
-        own = np.asarray(weight(term.factors, row))[..., None] * own if term.factors else own
-        total = own if total is NOTHING else total + own
+        part = term.twist(load)
+        part = np.asarray(weight(term.factors, row))[..., None] * part if term.factors else part
+        total = part if total is NOTHING else total + part
     return np.broadcast_to(total, load.shape) if total is NOTHING else total
 
 
 def twists_of(each: Sequence[Terms], load: Array, row: Row, onto: Array = UNITS) -> Array:
     """Return the (k, ..., r) twists of k sums of terms without windows under (..., 6) loads, on (r, 6) ways."""
-    terms = [term for some in each for term in some]
-    found = np.empty((len(terms), *load.shape[:-1], len(onto)))
-    for own, term in zip(found, terms, strict=True):
+    terms = [term for group in each for term in group]
+    terms_twists = np.empty((len(terms), *load.shape[:-1], len(onto)))
+    for part, term in zip(terms_twists, terms, strict=True):
         assert isinstance(term, Term)  # neurons are those of a joint's law alone
-        own[...] = onto @ term.along
+        part[...] = onto @ term.along
         if term.matrix is not None:
-            own += load @ (onto @ term.matrix).T
+            part += load @ (onto @ term.matrix).T
         for feature in term.features:
-            own *= feature.of(load)[..., None]
+            part *= feature.of(load)[..., None]
         if term.factors:
-            own *= np.asarray(weight_of(term.factors, row))[..., None]
+            part *= np.asarray(weight_of(term.factors, row))[..., None]
     if len(terms) == len(each):
-        return found
-    ends = np.cumsum([len(some) for some in each])[:-1]
-    return np.array([own.sum(axis=0) for own in np.split(found, ends)])
+        return terms_twists
+    ends = np.cumsum([len(group) for group in each])[:-1]
+    return np.array([part.sum(axis=0) for part in np.split(terms_twists, ends)])
 
 
 def tangent_of(terms: Terms, load: Array, row: Row, weight: Weight = weight_of) -> Array:
@@ -463,9 +463,9 @@ def affine_of(terms: Terms, row: Row, weight: Weight = weight_of) -> tuple[Array
     for term in terms:
         if not isinstance(term, Term) or not term.linear:
             return None
-        own = np.asarray(weight(term.factors, row))[..., None]
-        twist = twist + own * term.along if term.along.any() else twist
-        compliance = compliance if term.matrix is None else compliance + own[..., None] * term.matrix
+        share = np.asarray(weight(term.factors, row))[..., None]
+        twist = twist + share * term.along if term.along.any() else twist
+        compliance = compliance if term.matrix is None else compliance + share[..., None] * term.matrix
     return twist, compliance
 
 

@@ -36,23 +36,24 @@ def as_in(arm: Arm, campaign: Measurements | Tabular) -> Arm:
     place = rows.places[0].file if rows.places else "the campaign"
     if not rows.clock:
         raise InputError(f"{place} has no column 'time': no row can be on its clock")
-    own = rows.clock[0]
-    same = [one for one in arm.clock if one.is_that_of(own)]
-    same += [one for one in arm.clock if _like(one, own)]  # without the points that were read apart from it
+    period = rows.clock[0]
+    same = [fitted for fitted in arm.clock if fitted.is_that_of(period)]
+    same += [fitted for fitted in arm.clock if _like(fitted, period)]  # without the points that were read apart from it
     if not same:
-        known = listing(
-            f"{one.campaign or 'a campaign'} ({one.at(one.first)} to {one.at(one.last)})" for one in arm.clock
+        campaigns = listing(
+            f"{fitted.campaign or 'a campaign'} ({fitted.at(fitted.first)} to {fitted.at(fitted.last)})"
+            for fitted in arm.clock
         )
-        here = f"{place} ({own.at(own.first)} to {own.at(own.last)})"
-        raise InputError(f"{here} is none of the campaigns that this arm was fitted to: {known}")
+        here = f"{place} ({period.at(period.first)} to {period.at(period.last)})"
+        raise InputError(f"{here} is none of the campaigns that this arm was fitted to: {campaigns}")
     return replace(arm, clock=same[:1]).on_clock(same[0].later)
 
 
-def _like(one: Period, other: Period) -> bool:
+def _like(period: Period, other: Period) -> bool:
     """Return whether two are of one campaign whose file was written anew: by its moments, and its dates or its name."""
-    ends = abs(one.first - other.first), abs(one.last - other.last)
-    named = one.begins or (one.campaign and one.campaign == other.campaign)
-    return max(ends) < TICK and one.begins == other.begins and bool(named)
+    ends = abs(period.first - other.first), abs(period.last - other.last)
+    named = period.begins or (period.campaign and period.campaign == other.campaign)
+    return max(ends) < TICK and period.begins == other.begins and bool(named)
 
 
 def on_its_clock(arm: Arm, campaign: Measurements) -> Arm:
@@ -63,14 +64,14 @@ def on_its_clock(arm: Arm, campaign: Measurements) -> Arm:
     """
     if _same(arm.clock, campaign.clock):
         return replace(arm, clock=campaign.clock).on_clock()
-    effects = tuple(replace(one, earlier=bool(one.moments)) for one in arm.left().effects)
+    effects = tuple(replace(effect, earlier=bool(effect.moments)) for effect in arm.left().effects)
     return replace(arm, clock=campaign.clock, effects=effects)
 
 
 def _same(clock: Sequence[Period], other: Sequence[Period]) -> bool:
     """Return whether campaigns are among those of a clock, on the same seconds."""
-    known = {(one.sha256, one.later) for one in clock}
-    return bool(other) and all((one.sha256, one.later) in known for one in other)
+    fitted = {(period.sha256, period.later) for period in clock}
+    return bool(other) and all((period.sha256, period.later) in fitted for period in other)
 
 
 def runs_by_clock(arm: Arm, rows: Measurements) -> Iterator[tuple[float | None, float, Measurements]]:
@@ -82,18 +83,18 @@ def runs_by_clock(arm: Arm, rows: Measurements) -> Iterator[tuple[float | None, 
     Raises:
         InputError: Rows have dates, and the campaign that they are to be on the clock of has none.
     """
-    own, moving = rows.clock, [one for one in arm.effects if one.of_time and not one.earlier]
-    left = any(one.left is not None for one in moving)
-    if len(own) > 1 and moving:  # joined
-        yield (None if not left or _same(arm.clock, own) else np.inf), 0.0, rows
+    clock, moving = rows.clock, [effect for effect in arm.effects if effect.of_time and not effect.earlier]
+    left = any(effect.left is not None for effect in moving)
+    if len(clock) > 1 and moving:  # joined
+        yield (None if not left or _same(arm.clock, clock) else np.inf), 0.0, rows
         return
-    if not (arm.clock and moving and own):
+    if not (arm.clock and moving and clock):
         yield (np.inf if left else None), (0.0 if left or not arm.clock else arm.clock[0].later), rows
         return
-    dated = [(one, since) for one in arm.clock if (since := one.since(own[0].begins)) is not None]
-    same = [one.later for one in arm.clock if one.is_that_of(own[0])]
+    dated = [(period, since) for period in arm.clock if (since := period.since(clock[0].begins)) is not None]
+    same = [period.later for period in arm.clock if period.is_that_of(clock[0])]
     if same or not left:
-        if own[0].begins and not same and not dated:
+        if clock[0].begins and not same and not dated:
             place = f"{rows.places[0]}: " if rows.places else ""
             text = f"{place}column 'time' has dates, that of {arm.clock[0].campaign or 'the campaign'} has seconds"
             raise InputError(f"{text}: give the seconds of its clock")
@@ -102,15 +103,15 @@ def runs_by_clock(arm: Arm, rows: Measurements) -> Iterator[tuple[float | None, 
     if not dated:
         yield np.inf, 0.0, rows
         return
-    ends = sorted((one.last - since, one.last + one.later) for one, since in dated)
+    ends = sorted((period.last - since, period.last + period.later) for period, since in dated)
     moments = np.array([-np.inf, *(moment for _, moment in ends[:-1]), np.inf])
     after = moments[np.searchsorted([end for end, _ in ends], rows.time)]
     later = np.full(len(rows), np.nan)
-    for one, since in dated:
-        inside = (rows.time + since > one.first - TICK) & (rows.time + since < one.last + TICK)
-        later[inside & np.isnan(later)] = one.later + since
+    for period, since in dated:
+        inside = (rows.time + since > period.first - TICK) & (rows.time + since < period.last + TICK)
+        later[inside & np.isnan(later)] = period.later + since
     inside, key = np.isfinite(later), np.where(np.isfinite(later), later, after)
     cuts = np.flatnonzero((inside[1:] != inside[:-1]) | (key[1:] != key[:-1])) + 1
-    for some in np.split(np.arange(len(rows)), cuts):
-        here, part = float(key[some[0]]), rows.some(some)
-        yield (None, here, part) if inside[some[0]] else (here, 0.0, part)
+    for piece in np.split(np.arange(len(rows)), cuts):
+        here, part = float(key[piece[0]]), rows.some(piece)
+        yield (None, here, part) if inside[piece[0]] else (here, 0.0, part)

@@ -61,10 +61,10 @@ def check_one_unit(
     for name, values in ((" ".join(columns), seen), *((axis, seen[:, [i]]) for i, axis in enumerate(columns))):
         odd = _other_unit(values)
         if len(odd):
-            found = [places[i] for i in rows[odd].tolist()]
-            lines = listing((str(place.line) for place in found), 10)
-            text = f"{name}: {len(found)} of {len(rows)} rows are about 1000 times as large or small as the others"
-            raise TableError(found[0], f"{text} (lines {lines}): mm among m?")
+            odd_places = [places[i] for i in rows[odd].tolist()]
+            lines = listing((str(place.line) for place in odd_places), 10)
+            text = f"{name}: {len(odd_places)} of {len(rows)} rows are about 1000 times as large or small as the others"
+            raise TableError(odd_places[0], f"{text} (lines {lines}): mm among m?")
 
 
 def _other_unit(values: Array) -> np.ndarray:
@@ -114,7 +114,7 @@ def check_joint_units(
         def within(factor: float, values: Array = written, joint: Joint = joint, room: float = room) -> bool:
             return bool(((factor * values > joint.lower - room) & (factor * values < joint.upper + room)).all())
 
-        fitting = [one for one, size in (LOGGED_LENGTHS if straight else LOGGED_ANGLES).items() if within(size)]
+        fitting = [unit for unit, size in (LOGGED_LENGTHS if straight else LOGGED_ANGLES).items() if within(size)]
         usual = UNITS["length" if straight else "angle"][other]
         if not stated and not in_other_units(np.where(np.arange(q.shape[1]) == index, usual * q, 0.0), arm).any():
             hint = f"{other}? Then name the column {name}_{other}"
@@ -199,17 +199,17 @@ def in_other_units(q: Array, arm: Arm) -> np.ndarray:
     return np.isfinite(span) & ((q > arm.robot.upper + room) | (q < arm.robot.lower - room))
 
 
-def table_flags(table: Table, found: Measurements, arm: Arm) -> tuple[Flag, ...]:
+def table_flags(table: Table, measurements: Measurements, arm: Arm) -> tuple[Flag, ...]:
     """Return the flags about rows that were read: covariates misspelt or no candidates, their order, repetitions."""
     flags = []
     if others := other_joints(table, arm):
         text = f"{listing(others)} {'is' if len(others) == 1 else 'are'} of no joint of this arm, and left out"
         flags.append(Flag("other_joint", f"{Place(table.path, 1)}: {text}"))
-    for name in found.covariates if TEMPERATURE not in found.covariates else ():
+    for name in measurements.covariates if TEMPERATURE not in measurements.covariates else ():
         if is_nearly(name, TEMPERATURE) and name not in asked_columns(arm):
             text = f"column {name!r} is read as a covariate: did you mean {TEMPERATURE!r}?"
             flags.append(Flag("covariate_name", f"{Place(table.path, 1)}: {text}"))
-    for name, cells in found.covariates.items():
+    for name, cells in measurements.covariates.items():
         if not isinstance(cells, tuple) or levels(cells):
             continue
         if mostly_numbers(cells):
@@ -220,26 +220,26 @@ def table_flags(table: Table, found: Measurements, arm: Arm) -> tuple[Flag, ...]
         else:
             text = f"{len(set(cells))} different texts, over {MOST_LEVELS}, so it is not searched as a cause"
             flags.append(Flag("covariate_text", f"column {name!r}: {text}"))
-    back, again = np.flatnonzero(np.diff(found.time) < 0.0) + 1, duplicates(found)
+    back, again = np.flatnonzero(np.diff(measurements.time) < 0.0) + 1, duplicates(measurements)
     if len(back):
-        text = f"time goes back at {len(back)} rows, first at {found.places[back[0]]}; kept as is"
+        text = f"time goes back at {len(back)} rows, first at {measurements.places[back[0]]}; kept as is"
         flags.append(Flag("time_unordered", text))
     if len(again):
-        first = found.places[again[0]]
+        first = measurements.places[again[0]]
         text = f"{len(again)} rows repeat an earlier one to the last digit, first {first}; each counts"
         flags.append(Flag("duplicate_rows", text))
     return tuple(flags)
 
 
-def force_flags(found: Measurements, arm: Arm) -> tuple[Flag, ...]:
+def force_flags(measurements: Measurements, arm: Arm) -> tuple[Flag, ...]:
     """Return the flag about forces that are many times the arm's weight, at the first such row."""
     most, flags = FORCE_BAND * arm.weight, []
-    for one in found.wrenches if most else ():
-        size = np.linalg.norm(np.broadcast_to(one.force, (len(found), 3)), axis=1)
+    for wrench in measurements.wrenches if most else ():
+        size = np.linalg.norm(np.broadcast_to(wrench.force, (len(measurements), 3)), axis=1)
         if size.max(initial=0.0) > most:
             row = int((size > most).argmax())
-            text = f"{size[row]:.3g} N at {one.frame!r} is over {FORCE_BAND:g} times the arm's weight: kN or kgf?"
-            flags.append(Flag("large_force", f"{found.places[row]}: {text} ({int((size > most).sum())} rows)"))
+            text = f"{size[row]:.3g} N at {wrench.frame!r} is over {FORCE_BAND:g} times the arm's weight: kN or kgf?"
+            flags.append(Flag("large_force", f"{measurements.places[row]}: {text} ({int((size > most).sum())} rows)"))
     return tuple(flags)
 
 
@@ -256,24 +256,24 @@ def branch_flags(table: Table, arm: Arm) -> tuple[Flag, ...]:
     return (Flag("branch_held", f"{Place(table.path, 1)}: {text}"),) if held else ()
 
 
-def duplicates(found: Measurements) -> np.ndarray:
+def duplicates(measurements: Measurements) -> np.ndarray:
     """Return the numbers of measured rows that repeat an earlier one to the last digit, time and covariates included.
 
     Where the file gives no time, `time` counts rows and is not compared.
     """
-    optional = [found.hold, None if "time" in found.derived else found.time]
-    numbers = [found.q, *(part for kind in found.readings.kinds for part in (kind.values, kind.sigma))]
-    numbers += [values.reshape(len(found), -1) for values in optional if values is not None]
-    numbers += [values[:, None] for values in found.covariates.values() if not isinstance(values, tuple)]
-    numbers.append(found.load_number[:, None])
-    texts = [found.session]
-    if found.pose != tuple(str(i) for i in range(len(found))):
-        texts.append(found.pose)
-    texts += [values for values in found.covariates.values() if isinstance(values, tuple)]
+    optional = [measurements.hold, None if "time" in measurements.derived else measurements.time]
+    numbers = [measurements.q, *(part for kind in measurements.readings.kinds for part in (kind.values, kind.sigma))]
+    numbers += [values.reshape(len(measurements), -1) for values in optional if values is not None]
+    numbers += [values[:, None] for values in measurements.covariates.values() if not isinstance(values, tuple)]
+    numbers.append(measurements.load_number[:, None])
+    texts = [measurements.session]
+    if measurements.pose != tuple(str(i) for i in range(len(measurements))):
+        texts.append(measurements.pose)
+    texts += [values for values in measurements.covariates.values() if isinstance(values, tuple)]
     rows = np.hstack(numbers)
     seen: set[tuple] = set()
     again = []
-    for i in np.flatnonzero(found.measured):
+    for i in np.flatnonzero(measurements.measured):
         key = (rows[i].tobytes(), *(values[i] for values in texts))
         if key in seen:
             again.append(i)

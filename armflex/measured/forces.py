@@ -38,10 +38,10 @@ def check_load_names(table: Table, arm: Arm, names: Iterable[str]) -> None:
     units = {*UNITS["force"], *UNITS["moment"]}
     for name in (name for name in names if name not in asked):
         base, unit = split_header(name)
-        if found := _A_LOAD.fullmatch(base if unit in units else name):
-            meant = f"force_{'f' if found[1] else 'm'}{found[2].lower()}"
+        if match := _A_LOAD.fullmatch(base if unit in units else name):
+            meant = f"force_{'f' if match[1] else 'm'}{match[2].lower()}"
             text = f"column {table.columns[name].header!r} is called as a load but would be a covariate"
-            wanted = f"a load from outside is {meant!r} (with a unit {meant}_{'kN' if found[1] else 'kNm'})"
+            wanted = f"a load from outside is {meant!r} (with a unit {meant}_{'kN' if match[1] else 'kNm'})"
             raise table.fail(f"{text}: {wanted}; what is no load needs another name")
 
 
@@ -90,8 +90,8 @@ def read_forces(table: Table, arm: Arm, unnamed: Wrench | None = None) -> tuple[
     )
     if unnamed is not None:
         loads[~there] = np.concatenate([unnamed.force, unnamed.moment])
-        own = next(name for name, meant in FORCE_AXES.items() if meant == unnamed.axes)
-        frames, axes = np.where(there, [frames, axes], [[unnamed.frame], [own]]).tolist()
+        default = next(name for name, meant in FORCE_AXES.items() if meant == unnamed.axes)
+        frames, axes = np.where(there, [frames, axes], [[unnamed.frame], [default]]).tolist()
     for line, frame, axis in zip(table.lines, frames, axes, strict=True):
         if frame not in arm.link_names:
             problem = f"force_frame: {UnknownNameError('link', frame, arm.link_names)}"
@@ -100,11 +100,11 @@ def read_forces(table: Table, arm: Arm, unnamed: Wrench | None = None) -> tuple[
         else:
             continue
         raise TableError(Place(table.path, line), problem)
-    found, pairs = [], list(zip(frames, axes, strict=True))
+    wrenches, pairs = [], list(zip(frames, axes, strict=True))
     for pair in dict.fromkeys(pair for pair, load in zip(pairs, loads, strict=True) if load.any()):
-        own = np.where([[other == pair] for other in pairs], loads, 0.0)
-        found.append(Wrench(pair[0], own[:, :3], own[:, 3:], FORCE_AXES[pair[1]]))
-    return tuple(found)
+        of_pair = np.where([[other == pair] for other in pairs], loads, 0.0)
+        wrenches.append(Wrench(pair[0], of_pair[:, :3], of_pair[:, 3:], FORCE_AXES[pair[1]]))
+    return tuple(wrenches)
 
 
 def read_loads(table: Table, arm: Arm, unnamed: Wrench | None = None) -> tuple[Wrench, ...]:
@@ -131,8 +131,8 @@ def read_loads(table: Table, arm: Arm, unnamed: Wrench | None = None) -> tuple[W
             text = outside_limits(joint, float(given[name][i]))
             raise table.fail(f"column {header!r}: {text}", i)
         moved = set(robot.urdf.below(joint.child))
-        read = {f"[instrument.{one.name}]": {one.link, one.seen_from} for one in arm.sensors.values()}
-        for what, links in {**read, "force_frame": {one.frame for one in forces}}.items():
+        read = {f"[instrument.{sensor.name}]": {sensor.link, sensor.seen_from} for sensor in arm.sensors.values()}
+        for what, links in {**read, "force_frame": {wrench.frame for wrench in forces}}.items():
             if there := sorted(link for link in links if link in moved):
                 text = f"{what} is at {there[0]!r}, which joint {name!r} off the chain moves"
                 raise table.fail(f"column {header!r}: {text}: that is not supported")
@@ -162,7 +162,7 @@ class ForceTable:
     @property
     def varies(self) -> bool:
         """Whether it matters where along the path the tool is."""
-        return any(np.ptp(part, axis=0).any() for one in self.wrenches for part in (one.force, one.moment))
+        return any(np.ptp(part, axis=0).any() for wrench in self.wrenches for part in (wrench.force, wrench.moment))
 
     def at(self, lengths: Array) -> tuple[Wrench, ...]:
         """Return the loads at (N,) lengths of path [m], for all N rows each.
@@ -181,7 +181,9 @@ class ForceTable:
         def between(values: Array) -> Array:
             return np.column_stack([np.interp(lengths, self.s, column) for column in values.T])
 
-        return tuple(Wrench(one.frame, between(one.force), between(one.moment), one.axes) for one in self.wrenches)
+        return tuple(
+            Wrench(wrench.frame, between(wrench.force), between(wrench.moment), wrench.axes) for wrench in self.wrenches
+        )
 
     def missed(self, lengths: Array) -> float:
         """Return the largest force [N] that loads linear between (N,) lengths [m] leave out: corners of the table."""
@@ -201,12 +203,12 @@ def read_force_table(path: str | Path, arm: Arm) -> ForceTable:
     Raises:
         TableError: A column is missing or unknown, `s` does not increase, or as `read_forces`.
     """
-    table, known = read_table(path, {"s": "length", **FORCE_KINDS}), ("s", *FORCES, *FORCE_TEXTS)
+    table, columns = read_table(path, {"s": "length", **FORCE_KINDS}), ("s", *FORCES, *FORCE_TEXTS)
     table.require(["s"])
-    check_load_names(table, arm, (name for name in table.columns if name not in known))
+    check_load_names(table, arm, (name for name in table.columns if name not in columns))
     for name in table.columns:
-        if name not in known:
-            hint = did_you_mean(name, known)
+        if name not in columns:
+            hint = did_you_mean(name, columns)
             raise table.fail(f"unknown column {table.columns[name].header!r}{hint}")
     if not any(name in table.columns for name in FORCES):
         raise table.fail(f"has none of {FORCES[0]} .. {FORCES[-1]}")
@@ -225,17 +227,17 @@ def force_columns(wrenches: Sequence[Wrench], count: int) -> dict[str, list]:
         InputError: Two of them act in one row at different links or in different axes, for which there are no columns.
     """
     loads, frames, axes = np.zeros((count, 6)), [""] * count, [""] * count
-    hung = [one.positions.items() for one in wrenches if isinstance(one, Branch)]
-    held = {f"q_{name}": np.broadcast_to(at, count).tolist() for some in hung for name, at in some}
+    hung = [wrench.positions.items() for wrench in wrenches if isinstance(wrench, Branch)]
+    held = {f"q_{name}": np.broadcast_to(at, count).tolist() for positions in hung for name, at in positions}
     names = {meant: name for name, meant in FORCE_AXES.items()}
-    for one in (one for one in wrenches if not one.hangs):
-        own = np.broadcast_to(np.hstack([one.force, one.moment]), (count, 6))
-        for i in np.flatnonzero(own.any(axis=1)).tolist():
-            here = (one.frame, names[one.axes])
+    for wrench in (wrench for wrench in wrenches if not wrench.hangs):
+        load = np.broadcast_to(np.hstack([wrench.force, wrench.moment]), (count, 6))
+        for i in np.flatnonzero(load.any(axis=1)).tolist():
+            here = (wrench.frame, names[wrench.axes])
             if frames[i] and (frames[i], axes[i]) != here:
                 text = f"at {frames[i]!r} in axes of the {axes[i]} and at {here[0]!r} in those of the {here[1]}"
                 raise InputError(f"row {i} has two loads from outside, {text}: a table has columns for one")
-            (frames[i], axes[i]), loads[i] = here, loads[i] + own[i]
+            (frames[i], axes[i]), loads[i] = here, loads[i] + load[i]
     if not any(frames):
         return held
     columns: dict[str, list] = held | {name: loads[:, i].tolist() for i, name in enumerate(FORCES)}

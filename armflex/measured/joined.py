@@ -33,11 +33,11 @@ COMMANDED = 0.02
 controller of a machine that was moved reports them otherwise, and a split for validation must not part them."""
 
 
-def as_campaign(found: Measurements | Tabular | Sequence[Measurements | Tabular], arm: Arm) -> Measurements:
+def as_campaign(campaigns: Measurements | Tabular | Sequence[Measurements | Tabular], arm: Arm) -> Measurements:
     """Return one campaign as it is or as `as_measurements` reads it, and several `joined`."""
-    if isinstance(found, list | tuple):
-        return joined([as_measurements(one, arm) for one in found], arm)
-    return as_measurements(found, arm)  # pyright: ignore[reportArgumentType] - no other sequence is one
+    if isinstance(campaigns, list | tuple):
+        return joined([as_measurements(campaign, arm) for campaign in campaigns], arm)
+    return as_measurements(campaigns, arm)  # pyright: ignore[reportArgumentType] - no other sequence is one
 
 
 def joined(campaigns: Sequence[Measurements], arm: Arm) -> Measurements:
@@ -60,96 +60,113 @@ def joined(campaigns: Sequence[Measurements], arm: Arm) -> Measurements:
     if len(campaigns) == 1:
         return campaigns[0]
     given: dict[str, Measurements] = {}
-    for number, one in enumerate(campaigns, 1):  # by the name of its file; a further one of that name has its number
-        file = one.places[0].file if one.places else None
+    for number, campaign in enumerate(
+        campaigns, 1
+    ):  # by the name of its file; a further one of that name has its number
+        file = campaign.places[0].file if campaign.places else None
         name = file.stem if isinstance(file, Path) else f"campaign {number}"
-        given[f"{name} {number}" if name in given else name] = one
-    for (name, one), (again, other) in combinations(given.items(), 2):
-        if one.sha256 == other.sha256 and set(one.places) & set(other.places):
+        given[f"{name} {number}" if name in given else name] = campaign
+    for (name, campaign), (again, other) in combinations(given.items(), 2):
+        if campaign.sha256 == other.sha256 and set(campaign.places) & set(other.places):
             raise InputError(f"campaigns {name!r} and {again!r} have the same rows: each counts once")
-    if sum(any(isinstance(kind, Touch) for kind in one.readings.kinds) for one in campaigns) > 1:
+    if sum(any(isinstance(kind, Touch) for kind in campaign.readings.kinds) for campaign in campaigns) > 1:
         text = "several campaigns touch sockets, which cannot be fitted together: the machine may have been moved"
         raise UnsupportedError(f"{text}; calibrate with one of them")
 
     def whole(part: Callable[[Measurements], Any]) -> Array:
-        return np.concatenate([part(one) for one in campaigns])
+        return np.concatenate([part(campaign) for campaign in campaigns])
 
     def texts(part: Callable[[str, Measurements], Sequence[str]]) -> tuple[str, ...]:
-        return tuple(cell for name, one in given.items() for cell in part(name, one))
+        return tuple(cell for name, campaign in given.items() for cell in part(name, campaign))
 
-    def sessions(name: str, one: Measurements) -> list[str]:
-        return [name if len(set(one.session)) == 1 else f"{name}/{session}" for session in one.session]
+    def sessions(name: str, campaign: Measurements) -> list[str]:
+        return [name if len(set(campaign.session)) == 1 else f"{name}/{session}" for session in campaign.session]
 
-    first, timed, times = campaigns[0], not any("time" in one.derived for one in campaigns), [campaigns[0].time]
+    first, timed, times = (
+        campaigns[0],
+        not any("time" in campaign.derived for campaign in campaigns),
+        [campaigns[0].time],
+    )
     periods = list(first.clock)
-    for one in campaigns[1:]:  # none earlier than any of the campaign before
-        later = max(float(times[-1].max() - one.time.min()), 0.0)
-        times.append(one.time + later)
-        periods += [replace(period, later=later) for period in one.clock]
+    for campaign in campaigns[1:]:  # none earlier than any of the campaign before
+        later = max(float(times[-1].max() - campaign.time.min()), 0.0)
+        times.append(campaign.time + later)
+        periods += [replace(period, later=later) for period in campaign.clock]
     covariates, flags = _columns(given, arm)
-    if any(one.hold is None for one in campaigns) and any(one.hold is not None for one in campaigns):
-        flags.append(_lacking("hold", [name for name, one in given.items() if one.hold is None]))
+    if any(campaign.hold is None for campaign in campaigns) and any(
+        campaign.hold is not None for campaign in campaigns
+    ):
+        flags.append(_lacking("hold", [name for name, campaign in given.items() if campaign.hold is None]))
     return Measurements(
         joint_names=first.joint_names,
         pose=_poses(given),
         session=texts(sessions),
-        payload=texts(lambda _, one: one.payload),
+        payload=texts(lambda _, rows: rows.payload),
         time=np.concatenate(times) if timed else np.arange(sum(map(len, campaigns)), dtype=float),
-        q=whole(lambda one: one.q),
-        approach=whole(lambda one: one.approach),
-        measured=whole(lambda one: one.measured),
-        hold=None if any(one.hold is None for one in campaigns) else whole(lambda one: one.hold),
+        q=whole(lambda rows: rows.q),
+        approach=whole(lambda rows: rows.approach),
+        measured=whole(lambda rows: rows.measured),
+        hold=None if any(campaign.hold is None for campaign in campaigns) else whole(lambda campaign: campaign.hold),
         covariates=covariates,
-        places=sum((one.places for one in campaigns), ()) if all(one.places for one in campaigns) else (),
-        derived=tuple(dict.fromkeys(name for one in campaigns for name in one.derived)),
+        places=sum((campaign.places for campaign in campaigns), ())
+        if all(campaign.places for campaign in campaigns)
+        else (),
+        derived=tuple(dict.fromkeys(name for campaign in campaigns for name in campaign.derived)),
         wrenches=_loads(campaigns),
-        campaign=texts(lambda name, one: [name] * len(one)),
+        campaign=texts(lambda name, rows: [name] * len(rows)),
         readings=_readings(campaigns),
-        sha256=hashlib.sha256("".join(one.sha256 for one in campaigns).encode()).hexdigest(),
+        sha256=hashlib.sha256("".join(campaign.sha256 for campaign in campaigns).encode()).hexdigest(),
         flags=tuple(
-            [replace(flag, text=f"{name}: {flag.text}") for name, one in given.items() for flag in one.flags] + flags
+            [replace(flag, text=f"{name}: {flag.text}") for name, campaign in given.items() for flag in campaign.flags]
+            + flags
         ),
-        frame=first.frame if all(one.frame == first.frame for one in campaigns) else "",
+        frame=first.frame if all(campaign.frame == first.frame for campaign in campaigns) else "",
         periods=tuple(periods) if timed else (),
         units={
-            name: unit for name, unit in first.units.items() if all(one.units.get(name) == unit for one in campaigns)
+            name: unit
+            for name, unit in first.units.items()
+            if all(campaign.units.get(name) == unit for campaign in campaigns)
         },
     )
 
 
 def _poses(given: Mapping[str, Measurements]) -> tuple[str, ...]:
     """Return the name of each row's pose among those of all campaigns; see `COMMANDED`."""
-    found: list[str] = []
+    poses: list[str] = []
     first: dict[str, Array] = {}
-    for name, one in given.items():
-        for pose, q in zip(one.pose, one.q, strict=True):
+    for name, campaign in given.items():
+        for pose, q in zip(campaign.pose, campaign.q, strict=True):
             same = np.abs(first.setdefault(pose, q) - q).max() < COMMANDED
-            found.append(pose if same else f"{name}/{pose}")
-    return tuple(found)
+            poses.append(pose if same else f"{name}/{pose}")
+    return tuple(poses)
 
 
 def _columns(given: Mapping[str, Measurements], arm: Arm) -> tuple[dict[str, Array | tuple[str, ...]], list[Flag]]:
     """Return the columns that all campaigns have, and flags about the others; a text among numbers makes them texts."""
-    needed = {one.partition(LEVEL_OF)[0]: effect.name for effect in arm.effects for one in effect.location.covariates}
-    found: dict[str, Array | tuple[str, ...]] = {}
+    needed = {
+        needed_column.partition(LEVEL_OF)[0]: effect.name
+        for effect in arm.effects
+        for needed_column in effect.location.covariates
+    }
+    columns: dict[str, Array | tuple[str, ...]] = {}
     flags: list[Flag] = []
-    for column in dict.fromkeys(name for one in given.values() for name in one.covariates):
-        without = [name for name, one in given.items() if column not in one.covariates]
+    for column in dict.fromkeys(name for campaign in given.values() for name in campaign.covariates):
+        without = [name for name, campaign in given.items() if column not in campaign.covariates]
         if without:
             if column in needed:
-                one = given[without[0]]
-                with naming(one.places[0].file if one.places else without[0]):
-                    raise MissingCovariateError(column, one.covariates, needed[column])
+                campaign = given[without[0]]
+                with naming(campaign.places[0].file if campaign.places else without[0]):
+                    raise MissingCovariateError(column, campaign.covariates, needed[column])
             flags.append(_lacking(column, without))
             continue
-        parts = [one.covariates[column] for one in given.values()]
+        parts = [campaign.covariates[column] for campaign in given.values()]
         if all(isinstance(part, np.ndarray) for part in parts):
-            found[column] = np.concatenate(parts)
+            columns[column] = np.concatenate(parts)
         else:
-            found[column] = tuple(cell if isinstance(cell, str) else f"{cell:g}" for part in parts for cell in part)
-    if CAMPAIGN not in found:
-        found[CAMPAIGN] = tuple(name for name, one in given.items() for _ in range(len(one)))
-    return found, flags
+            columns[column] = tuple(cell if isinstance(cell, str) else f"{cell:g}" for part in parts for cell in part)
+    if CAMPAIGN not in columns:
+        columns[CAMPAIGN] = tuple(name for name, campaign in given.items() for _ in range(len(campaign)))
+    return columns, flags
 
 
 def _lacking(column: str, without: Sequence[str]) -> Flag:
@@ -159,16 +176,16 @@ def _lacking(column: str, without: Sequence[str]) -> Flag:
 def _pieces(campaigns: Sequence[Measurements]) -> Iterator[tuple[Measurements, slice]]:
     """Yield each campaign with the place of its rows among all."""
     start = 0
-    for one in campaigns:
-        yield one, slice(start, start + len(one))
-        start += len(one)
+    for campaign in campaigns:
+        yield campaign, slice(start, start + len(campaign))
+        start += len(campaign)
 
 
 def _readings(campaigns: Sequence[Measurements]) -> Readings:
     """Return what was read in all rows: what a campaign has no column of was not read there."""
     count, kinds = sum(map(len, campaigns)), dict[tuple[type[Kind], str], Kind]()
-    for one, place in _pieces(campaigns):
-        for kind in one.readings.kinds:
+    for campaign, place in _pieces(campaigns):
+        for kind in campaign.readings.kinds:
             key = type(kind), kind.name
             before = kinds.get(
                 key, replace(kind, values=_filled(kind.values, count), sigma=_filled(kind.sigma, count, np.inf))
@@ -188,8 +205,8 @@ def _loads(campaigns: Sequence[Measurements]) -> tuple[Wrench, ...]:
     count = sum(map(len, campaigns))
     forces: dict[tuple[str, str], Array] = {}
     hung: list[Wrench] = []
-    for one, place in _pieces(campaigns):
-        for load in one.wrenches:
+    for campaign, place in _pieces(campaigns):
+        for load in campaign.wrenches:
             if isinstance(load, Branch):
                 moment = np.zeros((count, 3))
                 moment[place] = load.moment
@@ -200,4 +217,4 @@ def _loads(campaigns: Sequence[Measurements]) -> tuple[Wrench, ...]:
                 continue
             both = forces.setdefault((load.frame, load.axes), np.zeros((count, 6)))
             both[place] += np.hstack([load.force, load.moment])
-    return (*(Wrench(frame, own[:, :3], own[:, 3:], axes) for (frame, axes), own in forces.items()), *hung)
+    return (*(Wrench(frame, load[:, :3], load[:, 3:], axes) for (frame, axes), load in forces.items()), *hung)

@@ -107,12 +107,14 @@ def read_joint_data(path: Tabular, read_as: Mapping[str, str] | None = None) -> 
             text = f"unknown column {table.columns[name].header!r}, did you mean {meant!r}? ({seen})"
             raise table.fail(text)
     # Six components where there are moments and rotations, three where there is neither.
-    some = [[name for name in names if name in table.columns] for names in (WRENCH_NAMES[3:], TWIST_NAMES[3:])]
-    if any(some) and not all(some):
-        has, lacks = ("moments", "rotations rx, ry, rz") if some[0] else ("rotations", "moments mx, my, mz")
-        problem = f"has no {lacks} beside the {has} {listing(some[0] + some[1])}: give both, or forces and shifts alone"
+    given = [[name for name in names if name in table.columns] for names in (WRENCH_NAMES[3:], TWIST_NAMES[3:])]
+    if any(given) and not all(given):
+        has, lacks = ("moments", "rotations rx, ry, rz") if given[0] else ("rotations", "moments mx, my, mz")
+        problem = (
+            f"has no {lacks} beside the {has} {listing(given[0] + given[1])}: give both, or forces and shifts alone"
+        )
         raise table.fail(problem)
-    size = 6 if all(some) else 3
+    size = 6 if all(given) else 3
     loads, deflections = WRENCH_NAMES[:size], TWIST_NAMES[:size]
     table.require([*loads, *deflections])
     units = {name: _unit(table, name, read_as) for name in (*deflections, *loads)}
@@ -135,19 +137,19 @@ def read_joint_data(path: Tabular, read_as: Mapping[str, str] | None = None) -> 
     )
 
 
-def as_joint_data(found: JointData | Tabular) -> JointData:
+def as_joint_data(data: JointData | Tabular) -> JointData:
     """Return a bench table as it is, or what `read_joint_data` makes of a file or a data frame."""
-    return found if isinstance(found, JointData) else read_joint_data(found)
+    return data if isinstance(data, JointData) else read_joint_data(data)
 
 
 def _unit(table: Table, name: str, read_as: Mapping[str, str]) -> str:
     """Return the unit that a column is taken to be in."""
-    column, known = table.columns[name], UNITS[KINDS[name]]
+    column, units = table.columns[name], UNITS[KINDS[name]]
     if not column.unit:
-        problem = f"column {name!r} has no unit; write one in the header, such as {name}_{next(iter(known))}"
+        problem = f"column {name!r} has no unit; write one in the header, such as {name}_{next(iter(units))}"
         raise UnitError(f"{Place(table.path, 1)}: {problem}")
     unit = read_as.get(column.unit, column.unit)
-    if unit not in known:
+    if unit not in units:
         raise UnitError(no_unit(unit, KINDS[name]))
     return unit
 
@@ -175,5 +177,5 @@ def _meant(name: str) -> str | None:
     if stem.partition("_")[0] in KINDS:
         return stem.partition("_")[0]
     near = difflib.get_close_matches(stem, KINDS, n=6, cutoff=0.5 if set(stem) in map(set, KINDS) else 0.66)
-    fitting = (known for known in near if unit in UNITS[KINDS[known]] or set(known) == set(stem))
+    fitting = (expected for expected in near if unit in UNITS[KINDS[expected]] or set(expected) == set(stem))
     return next(fitting, None)

@@ -135,14 +135,16 @@ class Measurements(Rows, Result):
                 columns |= {kind.name: kind.texts} if kind.texts else {}
                 continue
             named = {Position: (POSITION, EACH), Orientation: (ROTATION, ("sigma_r",))}
-            own = kind.headers, (f"sigma_{kind.name}",)
-            names, stds = own if kind.name else named.get(type(kind), own)
+            headers_of = kind.headers, (f"sigma_{kind.name}",)
+            names, stds = headers_of if kind.name else named.get(type(kind), headers_of)
             sigma = kind.sigma.min(axis=1, keepdims=True) if kind.apart else kind.sigma
             read = np.where(np.isfinite(kind.sigma) & self.measured[:, None], kind.values, np.nan)
             columns |= dict(zip(names, read.T, strict=True))
             columns |= dict(zip(stds, np.where(np.isfinite(sigma), sigma, np.nan).T, strict=False))
             beside = {f"{kind.name}_{key}": getattr(kind, key) for key in kind.beside}
-            columns |= {key: np.where(one > 0, one, np.nan) for key, one in beside.items() if one is not None}
+            columns |= {
+                key: np.where(column > 0, column, np.nan) for key, column in beside.items() if column is not None
+            }
         return columns | dict(self.covariates)
 
     def __repr__(self) -> str:
@@ -169,15 +171,15 @@ class Measurements(Rows, Result):
         """
         loose = {name: rows.pop(name) for name in ("position", "sigma", "rotation", "sigma_r") if name in rows}
         super().__init__(**rows)
-        own: dict[str, Any] = {"readings": _with(len(self), readings or Readings(len(self)), loose), "sha256": sha256}
-        own |= {"flags": flags, "frame": frame, "units": dict(units or {}), "begins": begins, "periods": periods}
-        for name, value in own.items():
+        more: dict[str, Any] = {"readings": _with(len(self), readings or Readings(len(self)), loose), "sha256": sha256}
+        more |= {"flags": flags, "frame": frame, "units": dict(units or {}), "begins": begins, "periods": periods}
+        for name, value in more.items():
             object.__setattr__(self, name, value)
 
     @classmethod
     def of(cls, rows: Rows, readings: Readings) -> Measurements:
         """Return rows and what was read there as a campaign."""
-        return cls(readings=readings, **{one.name: getattr(rows, one.name) for one in fields(Rows)})
+        return cls(readings=readings, **{field.name: getattr(rows, field.name) for field in fields(Rows)})
 
     @property
     def clock(self) -> tuple[Period, ...]:
@@ -192,8 +194,8 @@ class Measurements(Rows, Result):
     @property
     def dates(self) -> tuple[str, ...]:
         """The first and the last date of `time`, ISO 8601, empty where it has none."""
-        found = sorted(one.at(end) for one in self.clock if one.begins for end in (one.first, one.last))
-        return (found[0], found[-1]) if found else ()
+        ends = sorted(period.at(end) for period in self.clock if period.begins for end in (period.first, period.last))
+        return (ends[0], ends[-1]) if ends else ()
 
     @property
     def position(self) -> Array:
@@ -225,11 +227,11 @@ class Measurements(Rows, Result):
 
     @property
     def _positions(self) -> Position:
-        found = self.readings.of(Position)
-        if found is None:
+        position = self.readings.of(Position)
+        if position is None:
             read = listing(type(kind).__name__.lower() for kind in self.readings.kinds)
             raise InputError(f"the campaign has no positions (its readings: {read})")
-        return found
+        return position
 
     def _some(self, rows: np.ndarray) -> dict[str, Any]:
         return {**super()._some(rows), "readings": self.readings.some(rows)}
@@ -244,8 +246,8 @@ def _with(count: int, readings: Readings, given: Mapping[str, Array | None]) -> 
     kinds: list[Kind] = [kind for kind in readings.kinds if type(kind) not in LOOSE or kind.name]
     for i, (kind, names) in enumerate(LOOSE.items()):
         before = readings.of(kind)
-        known = {} if before is None else dict(zip(names, (before.values, before.sigma), strict=True))
-        values, sigma = ({**known, **given}.get(name) for name in names)
+        values_of = {} if before is None else dict(zip(names, (before.values, before.sigma), strict=True))
+        values, sigma = ({**values_of, **given}.get(name) for name in names)
         if (values is None) != (sigma is None):
             raise InputError(f"{names[0]} and {names[1]} go together: how well are the {kind.__name__.lower()}s known?")
         if values is not None and sigma is not None:
@@ -278,43 +280,49 @@ def read_measurements(
     """
     export = points if isinstance(points, PointExport) or points is None else read_points(points)
     table = read_table(path, column_kinds(arm))
-    known, flags = _known_columns(table, arm, inputs_only, export), ()
+    recognised, flags = _known_columns(table, arm, inputs_only, export), ()
     if export:
         table, flags = with_points(table, export)
-    found, turned = _measurements(table, arm, unnamed)
+    measurements, turned = _measurements(table, arm, unnamed)
     covariates: dict[str, Array | tuple[str, ...]] = {}
-    for name in (name for name in table.columns if name not in known):
+    for name in (name for name in table.columns if name not in recognised):
         column = _Covariate(name)
         column.add(table)
         column.check()
         covariates[name] = table.numbers(name) if column.numeric else table.texts(name)
     sha256, frame = table.sha256, ""
-    found = replace(found, covariates=covariates)
+    measurements = replace(measurements, covariates=covariates)
     units = {name: column.unit for name, column in table.columns.items() if column.unit}
-    odd = float(in_other_units(found.q, arm).mean(axis=0).max(initial=0.0))
+    odd = float(in_other_units(measurements.q, arm).mean(axis=0).max(initial=0.0))
     # Of a whole column readings decide what unit it is in, when the arm is fitted.
-    if inputs_only or not found.positioned.any() or odd < FEW_ROWS:
-        check_joint_units(found.q, arm, found.places, units=units)
-    for kind in found.readings.kinds:
+    if inputs_only or not measurements.positioned.any() or odd < FEW_ROWS:
+        check_joint_units(measurements.q, arm, measurements.places, units=units)
+    for kind in measurements.readings.kinds:
         if kind.unit == "m":
-            read = np.flatnonzero(np.isfinite(kind.sigma).all(axis=1) & found.measured)
-            check_one_unit(kind.values, read, found.places, kind.columns(kind.name) if kind.name else POSITION)
+            read = np.flatnonzero(np.isfinite(kind.sigma).all(axis=1) & measurements.measured)
+            check_one_unit(kind.values, read, measurements.places, kind.columns(kind.name) if kind.name else POSITION)
     flags += () if turned is None else (replace(turned, text=f"{Place(table.path, 1)}: {turned.text}"),)
-    flags += (*table_flags(table, found, arm), *_sensor_flags(found, arm, table), *force_flags(found, arm))
+    flags += (
+        *table_flags(table, measurements, arm),
+        *_sensor_flags(measurements, arm, table),
+        *force_flags(measurements, arm),
+    )
     flags += branch_flags(table, arm)
-    flags += () if found.measured.any() else unit_flags(table, arm)  # else readings decide, when the arm is fitted
+    flags += (
+        () if measurements.measured.any() else unit_flags(table, arm)
+    )  # else readings decide, when the arm is fitted
     if export is not None:
         sha256, frame = hashlib.sha256((sha256 + export.sha256).encode()).hexdigest(), export.frame
         base = arm.robot.base
         if arm.measurement.frame == "base" and frame.split("::")[-1].lower() not in (base.lower(), "base"):
             text = f"points are in frame {frame!r}; the arm file says that measurements are in its base {base!r}"
             flags += (Flag("points_frame", text),)
-    return replace(found, flags=flags, sha256=sha256, frame=frame, units=units)
+    return replace(measurements, flags=flags, sha256=sha256, frame=frame, units=units)
 
 
-def as_measurements(found: Measurements | Tabular, arm: Arm, inputs_only: bool = False) -> Measurements:
+def as_measurements(measurements: Measurements | Tabular, arm: Arm, inputs_only: bool = False) -> Measurements:
     """Return a campaign as it is, or what `read_measurements` makes of a file or a data frame."""
-    return found if isinstance(found, Measurements) else read_measurements(found, arm, inputs_only)
+    return measurements if isinstance(measurements, Measurements) else read_measurements(measurements, arm, inputs_only)
 
 
 def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLOADED) -> Iterator[Measurements]:
@@ -338,19 +346,22 @@ def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLO
     seen: dict[str, _Covariate] = {}
     asked: list[tuple[Flag, ...]] = []
     for table in read_pieces(path, kinds, most):
-        known, (found, turned) = _known_columns(table, arm, True, None), _measurements(table, arm, unnamed)
+        recognised, (measurements, turned) = _known_columns(table, arm, True, None), _measurements(table, arm, unnamed)
         if turned is not None:
             warn((turned,))
         asked.append(unit_flags(table, arm))
-        earliest += [datetime.fromisoformat(found.begins)] if found.begins else []
-        for name in (name for name in table.columns if name not in known):
+        earliest += [datetime.fromisoformat(measurements.begins)] if measurements.begins else []
+        for name in (name for name in table.columns if name not in recognised):
             seen.setdefault(name, _Covariate(name)).add(table)
-        odd, there = np.flatnonzero(in_other_units(found.q, arm).any(axis=1)), np.flatnonzero(found.positioned)
-        far.append(found.q[odd])
-        if found.readings.of(Position):
-            positions.append(found.position[there])
-        far_places += [found.places[row] for row in odd]
-        places += [found.places[row] for row in there]
+        odd, there = (
+            np.flatnonzero(in_other_units(measurements.q, arm).any(axis=1)),
+            np.flatnonzero(measurements.positioned),
+        )
+        far.append(measurements.q[odd])
+        if measurements.readings.of(Position):
+            positions.append(measurements.position[there])
+        far_places += [measurements.places[row] for row in odd]
+        places += [measurements.places[row] for row in there]
     for column in seen.values():
         column.check()
     check_joint_units(np.vstack(far), arm, far_places)
@@ -362,13 +373,13 @@ def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLO
         with path.open("rb") as file:
             sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     for table in read_pieces(path, kinds, most):
-        found, _ = _measurements(table, arm, unnamed, first, before, min(earliest, default=None))
-        known = {name: table.numbers(name) for name, column in seen.items() if column.numeric}
+        measurements, _ = _measurements(table, arm, unnamed, first, before, min(earliest, default=None))
+        columns = {name: table.numbers(name) for name, column in seen.items() if column.numeric}
         for name, column in seen.items():
             if not column.numeric:
-                known |= level_columns(name, table.texts(name), column.levels)
-        first, before = first + len(table), (found.q[-1], last_motion(found.q, before)[-1])
-        yield replace(found, covariates=known, sha256=sha256)
+                columns |= level_columns(name, table.texts(name), column.levels)
+        first, before = first + len(table), (measurements.q[-1], last_motion(measurements.q, before)[-1])
+        yield replace(measurements, covariates=columns, sha256=sha256)
 
 
 class _Covariate:
@@ -408,7 +419,7 @@ class _Covariate:
 
 def _known_columns(table: Table, arm: Arm, inputs_only: bool, points: PointExport | None) -> list[str]:
     """Return the columns that have a meaning, after checking that all needed are there and none is misspelt."""
-    known = [*column_kinds(arm), *TEXTS, *(f"{APPROACH}{joint}" for joint in arm.joint_names)]
+    recognised = [*column_kinds(arm), *TEXTS, *(f"{APPROACH}{joint}" for joint in arm.joint_names)]
     needed, sensed = [f"q_{joint}" for joint in arm.joint_names], set(table.columns) & set(_sensor_kinds(arm))
     check_same_arm(table, arm)
     missing = [name for name in POSITION if name not in table.columns]
@@ -417,10 +428,10 @@ def _known_columns(table: Table, arm: Arm, inputs_only: bool, points: PointExpor
         raise table.fail(f"has no column {listing(map(repr, missing))}{ALONE}")
     table.require([*needed, *(() if inputs_only or points or sensed else POSITION)])
     for name, column in table.columns.items():
-        if name not in known and (sensor := _undeclared(name, arm)):
+        if name not in recognised and (sensor := _undeclared(name, arm)):
             text = f"column {column.header!r}: the arm file declares no [instrument.{sensor}]"
             raise table.fail(f"{text}{did_you_mean(sensor, arm.sensors)}")
-    meant = [*known, *(("point",) if points else ())]
+    meant = [*recognised, *(("point",) if points else ())]
     unknown = [name for name in table.columns if name not in meant]
     check_load_names(table, arm, unknown)
     check_asked(table, arm, unknown)
@@ -429,7 +440,7 @@ def _known_columns(table: Table, arm: Arm, inputs_only: bool, points: PointExpor
     check_unknown(table, unknown, meant, [*arm.joint_names, *arm.robot.locked], recorded=True)
     if not len(table):
         raise TableError(Place(table.path), "has a header but no rows")
-    return known + other_joints(table, arm)
+    return recognised + other_joints(table, arm)
 
 
 def _undeclared(name: str, arm: Arm) -> str:
@@ -458,7 +469,7 @@ def _dates(table: Table) -> list[datetime] | None:
     cells = table.texts("time") if "time" in table.columns else ()
     if not cells or table.columns["time"].unit or not DATE.fullmatch(cells[0]):
         return None
-    found = list[datetime]()
+    dates = list[datetime]()
     for row, cell in enumerate(cells):
         try:
             date = datetime.fromisoformat(cell) if DATE.fullmatch(cell) else None
@@ -466,10 +477,10 @@ def _dates(table: Table) -> list[datetime] | None:
             date = None
         if date is None:
             raise table.fail(f"column 'time' is {shown(cell)}, expected a date as in the first row (ISO 8601)", row)
-        if found and (date.tzinfo is None) != (found[0].tzinfo is None):
+        if dates and (date.tzinfo is None) != (dates[0].tzinfo is None):
             raise table.fail(f"column 'time' is {shown(cell)}, and only some rows say how far they are from UTC", row)
-        found.append(date)
-    return found
+        dates.append(date)
+    return dates
 
 
 def _measurements(
@@ -510,7 +521,7 @@ def _measurements(
     approach, directions = last_motion(q, before), [f"approach_{joint}" for joint in arm.joint_names]
     for kind in readings.kinds:  # an arm that is guided by hand into a socket comes from no known side
         approach = (
-            np.where(np.array([bool(one) for one in kind.texts])[:, None], 0.0, approach) if kind.texts else approach
+            np.where(np.array([bool(text) for text in kind.texts])[:, None], 0.0, approach) if kind.texts else approach
         )
     for index, name in enumerate(directions):
         if name in table.columns:
@@ -547,12 +558,12 @@ def _measurements(
 
 def _sensor_kinds(arm: Arm) -> dict[str, str]:
     """Return the kind of quantity of each column of the arm's sensors, and of their standard deviations."""
-    found = {}
+    kinds = {}
     for name, sensor in arm.sensors.items():
-        found |= dict.fromkeys((*sensor.columns, f"sigma_{name}"), sensor.kind.quantity)
+        kinds |= dict.fromkeys((*sensor.columns, f"sigma_{name}"), sensor.kind.quantity)
         others = (*(f"{name}_{key}" for key in sensor.kind.beside), *sensor.kind.instead(name))
-        found |= dict.fromkeys(others, "count")
-    return found
+        kinds |= dict.fromkeys(others, "count")
+    return kinds
 
 
 def column_kinds(arm: Arm) -> dict[str, str]:
@@ -565,7 +576,7 @@ def column_kinds(arm: Arm) -> dict[str, str]:
 
 def _sensed(table: Table, arm: Arm) -> tuple[Kind, ...]:
     """Return what the sensors read, of those that a column is of."""
-    found: list[Kind] = []
+    kinds: list[Kind] = []
     for name, sensor in arm.sensors.items():
         columns, instead = sensor.columns, sensor.kind.instead(name)
         if any(column in table.columns for column in instead):
@@ -580,9 +591,9 @@ def _sensed(table: Table, arm: Arm) -> tuple[Kind, ...]:
         if isinstance(sensor, TouchingSensor):
             texts = table.texts(name)
             if f"sigma_{name}" in table.columns:
-                there = np.array([bool(one) for one in texts])
+                there = np.array([bool(text) for text in texts])
                 sigma = _deviations(table, (f"sigma_{name}",), there, name, "m", np.inf)
-            found += touched(name, texts, sigma, sensor.sockets)
+            kinds += touched(name, texts, sigma, sensor.sockets)
             continue
         if isinstance(sensor.about, Camera):  # of a board it may see some corners
             values = read_pictures(table, sensor)
@@ -594,9 +605,9 @@ def _sensed(table: Table, arm: Arm) -> tuple[Kind, ...]:
                 values, fine = sensor.kind.of_instead(values, sensor.about)
                 for row in np.flatnonzero(read & ~fine)[:1]:
                     raise table.fail(f"{listing(columns)} are no unit vector", row)
-            for column, most, own in zip(columns, sensor.kind.most, values.T, strict=False):
-                for row in np.flatnonzero(read & (np.abs(own) > most))[:1]:
-                    text = f"{column} is {own[row]:.6g} {sensor.kind.unit}, beyond {most:.4g}"
+            for column, most, reading in zip(columns, sensor.kind.most, values.T, strict=False):
+                for row in np.flatnonzero(read & (np.abs(reading) > most))[:1]:
+                    text = f"{column} is {reading[row]:.6g} {sensor.kind.unit}, beyond {most:.4g}"
                     raise table.fail(f"{text}: in degrees, call the column {column}_deg", row)
             each = np.broadcast_to(read[:, None], values.shape)
         if f"sigma_{name}" in table.columns:
@@ -606,14 +617,14 @@ def _sensed(table: Table, arm: Arm) -> tuple[Kind, ...]:
             text = f"{name} is {values[low][0, 0]:g} {sensor.kind.unit}, expected more than 0"
             raise table.fail(text, low.argmax())
         beside = {}
-        for key in (one for one in sensor.kind.beside if f"{name}_{one}" in table.columns):
+        for key in (option for option in sensor.kind.beside if f"{name}_{option}" in table.columns):
             there = table.given([column := f"{name}_{key}"])
             counts = table.numbers_where(column, there)
             for row in np.flatnonzero(there & ((counts != np.round(counts)) | (counts < 1.0)))[:1]:
                 raise table.fail(f"{column} is {counts[row]:g}, expected a whole number from 1 on", row)
             beside[key] = np.where(there, counts, 0.0).astype(int)
-        found.append(sensor.kind(np.where(each, values, 0.0), np.where(each, sigma, np.inf), name, **beside))
-    return tuple(found)
+        kinds.append(sensor.kind(np.where(each, values, 0.0), np.where(each, sigma, np.inf), name, **beside))
+    return tuple(kinds)
 
 
 READ_IN = tuple(unit for kind in ("length", "angle") for unit in UNITS[kind] if len(unit) > 1)
@@ -623,33 +634,35 @@ TEMPERATURES = ("t_", "temp")
 """How columns of temperatures begin: deg is no angle there."""
 
 
-def _sensor_flags(found: Measurements, arm: Arm, table: Table) -> Iterator[Flag]:
+def _sensor_flags(measurements: Measurements, arm: Arm, table: Table) -> Iterator[Flag]:
     """Yield flags about instruments that nothing was read of, and about columns that look like one's."""
-    read = {kind.name: bool(np.isfinite(kind.sigma).any()) for kind in found.readings.kinds}
+    read = {kind.name: bool(np.isfinite(kind.sigma).any()) for kind in measurements.readings.kinds}
     for name, sensor in arm.sensors.items():
         columns = sensor.kind.columns(name)
         if isinstance(sensor.about, Camera) and name in read and name in table.columns:
-            yield from without_board(found, table, name)
+            yield from without_board(measurements, table, name)
         if name in read and not read[name]:
             text = f"[instrument.{name}] is declared, and its columns are empty in every row"
             yield Flag("instrument_unread", f"{text} ({listing(columns)})")
         elif name not in read:
             # A column that nothing knows, in this kind's units, may be meant.
-            known, headers = UNITS[sensor.kind.quantity], [table.columns[one] for one in found.covariates]
-            like = [one.header for one in headers if one.unit in known or one.header.rpartition("_")[2] in known]
+            units, headers = UNITS[sensor.kind.quantity], [table.columns[name] for name in measurements.covariates]
+            like = [
+                column.header for column in headers if column.unit in units or column.header.rpartition("_")[2] in units
+            ]
             hint = f", did you mean {like[0]!r}?" if len(columns) == 1 and len(like) == 1 else ""
             text = f"[instrument.{name}] is declared, and no column reads it ({listing(columns)})"
             yield Flag("instrument_unread", text + hint)
-    for name in found.covariates:
+    for name in measurements.covariates:
         base, _, axis = name.rpartition("_")
-        if axis == "x" and base and f"{base}_y" in found.covariates:
+        if axis == "x" and base and f"{base}_y" in measurements.covariates:
             text = (
                 f"columns {name} and {base}_y are covariates: if an instrument reads them, declare [instrument.{base}]"
             )
             yield Flag("instrument_undeclared", text)
-    needed = {one for effect in arm.effects for one in effect.location.covariates}
+    needed = {column for effect in arm.effects for column in effect.location.covariates}
     alike: dict[str, list[str]] = {}
-    for name, values in found.covariates.items():
+    for name, values in measurements.covariates.items():
         base, _, unit = name.rpartition("_")
         if isinstance(values, np.ndarray) and name not in needed and base and unit in READ_IN:
             stem = base[:-2] if base.endswith(("_x", "_y", "_z")) else base

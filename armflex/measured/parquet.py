@@ -62,8 +62,8 @@ def _printable(path: Path, line: int, rows: list[list[str]]) -> list[list[str]]:
     fine: set[str] = set()  # a long text may stand in every row and be held once: it is looked at once
     for number, cells in enumerate(rows, line):
         for cell in cells:
-            if cell not in fine and (found := unprintable(cell)):
-                raise TableError(Place(path, number), found[1])
+            if cell not in fine and (bad := unprintable(cell)):
+                raise TableError(Place(path, number), bad[1])
         fine.update(cells)
     return rows
 
@@ -72,9 +72,9 @@ def _check(path: Path, file: Any) -> list[str]:
     """Return the columns of text; raise `TableError` where a file is too large or holds more than plain values."""
     from pyarrow import types
 
-    found, texts = file.metadata, []
-    cells = found.num_rows * found.num_columns
-    size = sum(found.row_group(i).total_byte_size for i in range(found.num_row_groups))
+    metadata, texts = file.metadata, []
+    cells = metadata.num_rows * metadata.num_columns
+    size = sum(metadata.row_group(i).total_byte_size for i in range(metadata.num_row_groups))
     if cells > MAX_CELLS:
         raise TableError(Place(path), f"holds {cells} cells, more than the {MAX_CELLS} allowed")
     if size > MAX_BYTES:

@@ -48,7 +48,9 @@ def read_pictures(table: Table, sensor: Sensor) -> Array:
     assert isinstance(camera, Camera)
     empty = sensor.unread(len(table))
     if name not in table.columns:
-        given = sorted({one for i, header in enumerate(empty.headers) if header in table.columns for one in (i, i ^ 1)})
+        given = sorted(
+            {number for i, header in enumerate(empty.headers) if header in table.columns for number in (i, i ^ 1)}
+        )
         table.require(empty.headers[i] for i in given)
         values = np.full(empty.values.shape, np.nan)
         for i in given:
@@ -56,31 +58,31 @@ def read_pictures(table: Table, sensor: Sensor) -> Array:
             values[there, i] = table.numbers_where(empty.headers[i], there)[there]
     else:
         folder = table.path.parent if isinstance(table.path, Path) else Path()
-        known = read_corners(folder / camera.corners, camera.board) if camera.corners else None
+        corners = read_corners(folder / camera.corners, camera.board) if camera.corners else None
         values = np.full(empty.values.shape, np.nan)
         for row, text in enumerate(table.texts(name)):
             if not text:
                 continue
-            if known is None:
+            if corners is None:
                 values[row] = _found(table, row, folder / text, camera.board)
-            elif text in known:  # in others no corner was found
-                values[row] = known[text]
-        if known is not None and any(table.texts(name)) and not np.isfinite(values).any():
+            elif text in corners:  # in others no corner was found
+                values[row] = corners[text]
+        if corners is not None and any(table.texts(name)) and not np.isfinite(values).any():
             row, text = next((i, text) for i, text in enumerate(table.texts(name)) if text)
             where = f"{folder / camera.corners} has no corners of any picture"
-            hint = did_you_mean(text, known) or f" (it has {listing([*known][:3])} ..)"
+            hint = did_you_mean(text, corners) or f" (it has {listing([*corners][:3])} ..)"
             raise table.fail(f"{name} is {text!r}: {where}{hint}", row)
     pairs = values.reshape(len(values), -1, 2)
     half = np.isfinite(pairs).any(axis=2) & ~np.isfinite(pairs).all(axis=2)
     if half.any():
-        row, corner = (int(one) for one in np.argwhere(half)[0])
+        row, corner = (int(index) for index in np.argwhere(half)[0])
         raise table.fail(f"corner {corner} of {name} has only one of u and v", row)
     return values
 
 
-def without_board(found: Measurements, table: Table, name: str) -> Iterator[Flag]:
+def without_board(measurements: Measurements, table: Table, name: str) -> Iterator[Flag]:
     """Yield the flag about pictures in which no board was found."""
-    kind = found.readings.of(Pixels, name)
+    kind = measurements.readings.of(Pixels, name)
     assert kind is not None
     unread = ~np.any(np.isfinite(kind.sigma), axis=1)
     empty = [text for text, lost in zip(table.texts(name), unread.tolist(), strict=True) if text and lost]
@@ -97,7 +99,7 @@ def read_corners(path: Path, board: Board) -> dict[str, Array]:
     """
     table = read_table(path, {"u": "pixel", "v": "pixel"})
     table.require(CORNER)
-    found: dict[str, Array] = {}
+    pictures: dict[str, Array] = {}
     count = len(board.points)
     numbers = zip(table.numbers("corner"), table.numbers("u"), table.numbers("v"), strict=True)
     for line, picture, (corner, u, v) in zip(table.lines, table.texts("picture"), numbers, strict=True):
@@ -106,11 +108,11 @@ def read_corners(path: Path, board: Board) -> dict[str, Array]:
         if corner != int(corner) or not 0 <= corner < count:
             text = f"corner is {corner:g}; the board has corners 0 to {count - 1}"
             raise TableError(Place(path, line), text)
-        own = found.setdefault(picture, np.full(2 * count, np.nan))
-        if np.isfinite(own[2 * int(corner)]):
+        pixels = pictures.setdefault(picture, np.full(2 * count, np.nan))
+        if np.isfinite(pixels[2 * int(corner)]):
             raise TableError(Place(path, line), f"corner {corner:g} of picture {picture!r} stands twice")
-        own[2 * int(corner) : 2 * int(corner) + 2] = u, v
-    return found
+        pixels[2 * int(corner) : 2 * int(corner) + 2] = u, v
+    return pictures
 
 
 def _found(table: Table, row: int, path: Path, board: Board) -> Array:
@@ -119,10 +121,10 @@ def _found(table: Table, row: int, path: Path, board: Board) -> Array:
         text = f"there is no picture {path}; corners from a table need `corners` in the arm file"
         raise table.fail(text, row)
     stat = path.stat()
-    found = find_corners(path, board, (stat.st_mtime_ns, stat.st_size))
-    if found is None:
+    corners = find_corners(path, board, (stat.st_mtime_ns, stat.st_size))
+    if corners is None:
         raise table.fail(f"{path} is no picture that OpenCV reads", row)
-    return found
+    return corners
 
 
 @lru_cache(maxsize=4096)
@@ -145,11 +147,11 @@ def find_corners(path: Path, board: Board, version: object = None) -> Array | No
     picture = cv2.imdecode(np.frombuffer(read_file(path, MOST_BYTES), np.uint8), cv2.IMREAD_GRAYSCALE)
     if picture is None:
         return None
-    found = np.full((len(board.points), 2), np.nan)
+    pixels = np.full((len(board.points), 2), np.nan)
     if board.kind in ("charuco", "apriltag"):
         numbers, corners = _of_markers(cv2, picture, board)
-        found[numbers] = corners
-        return found.ravel()
+        pixels[numbers] = corners
+        return pixels.ravel()
     size = (board.columns, board.rows)
     if board.kind == "chessboard":
         there, corners = cv2.findChessboardCornersSB(picture, size, flags=cv2.CALIB_CB_ACCURACY)
@@ -160,20 +162,22 @@ def find_corners(path: Path, board: Board, version: object = None) -> Array | No
         there, corners = cv2.findCirclesGrid(picture, size, flags=grid | cv2.CALIB_CB_CLUSTERING)
         there, corners = (there, corners) if there else cv2.findCirclesGrid(picture, size, flags=grid)
     if there:
-        found[:] = np.asarray(corners).reshape(-1, 2)
+        pixels[:] = np.asarray(corners).reshape(-1, 2)
         if board.alike:  # upside down: the first point is where the picture begins
-            across = found[-1] - found[0]
-            found = found if across[np.abs(across).argmax()] > 0.0 else found[::-1]
-    return found.ravel()
+            across = pixels[-1] - pixels[0]
+            pixels = pixels if across[np.abs(across).argmax()] > 0.0 else pixels[::-1]
+    return pixels.ravel()
 
 
 def _of_markers(cv2: Any, picture: Any, board: Board) -> tuple[np.ndarray, Array]:
     """Return the numbers and (n, 2) places [px] of corners that markers beside them name."""
     number = getattr(cv2.aruco, f"DICT_{board.dictionary}", None)
     if number is None:
-        known = [one.removeprefix("DICT_") for one in dir(cv2.aruco) if one.startswith("DICT_")]
-        hint = did_you_mean(board.dictionary, known)
-        raise UnsupportedError(f"OpenCV has no dictionary of markers {board.dictionary!r}{hint} ({listing(known)})")
+        dictionaries = [name.removeprefix("DICT_") for name in dir(cv2.aruco) if name.startswith("DICT_")]
+        hint = did_you_mean(board.dictionary, dictionaries)
+        raise UnsupportedError(
+            f"OpenCV has no dictionary of markers {board.dictionary!r}{hint} ({listing(dictionaries)})"
+        )
     markers = cv2.aruco.getPredefinedDictionary(number)
     if board.kind == "charuco":
         target = cv2.aruco.CharucoBoard((board.columns, board.rows), *board.lengths, markers)
@@ -186,6 +190,6 @@ def _of_markers(cv2: Any, picture: Any, board: Board) -> tuple[np.ndarray, Array
     corners, numbers, _ = cv2.aruco.ArucoDetector(markers, how).detectMarkers(picture)
     if numbers is None:
         return np.zeros(0, int), np.zeros((0, 2))
-    known = np.flatnonzero(numbers.ravel() < board.columns * board.rows)
-    places = np.array([corners[i].reshape(4, 2) for i in known], float).reshape(-1, 2)
-    return (4 * numbers.ravel()[known][:, None] + np.arange(4)).ravel(), places
+    on_board = np.flatnonzero(numbers.ravel() < board.columns * board.rows)
+    places = np.array([corners[i].reshape(4, 2) for i in on_board], float).reshape(-1, 2)
+    return (4 * numbers.ravel()[on_board][:, None] + np.arange(4)).ravel(), places

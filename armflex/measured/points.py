@@ -166,19 +166,19 @@ def _known_unit(path: Path, line: int, said: str) -> str:
 def _stated(
     path: Path,
     what: str,
-    found: Sequence[tuple[int, str]],
+    statements: Sequence[tuple[int, str]],
     given: str | None,
     example: str,
     meaning: Callable[[str], object],
 ) -> str:
     """Return what lines of the file and the caller state about its unit or frame; raise where meanings differ."""
-    if given is None and not found:
+    if given is None and not statements:
         hint = f"a comment such as '// {what.capitalize()}: {example}', or name it when reading"
         raise TableError(Place(path), f"states no {what}: add {hint}")
-    if not found:
+    if not statements:
         return str(given)
-    first, value = found[0]
-    for line, other in found[1:]:
+    first, value = statements[0]
+    for line, other in statements[1:]:
         if meaning(other) != meaning(value):
             raise TableError(Place(path, line), f"{what} {other!r}, but {value!r} on line {first}")
     if given is not None and meaning(given) != meaning(value):
@@ -272,16 +272,16 @@ def _match(table: Table, wanted: Sequence[str], points: PointExport) -> list[int
     sessions = table.texts("session") if "session" in table.columns else ("",) * len(table)
     point_of: list[int | None] = [None] * len(table)
     for name, rows in rows_of.items():
-        found, parts = index[name], []
-        if len({points.names[i][:-1] for i in found}) > 1:  # several groups use the name: they may be sessions
+        points_named, parts = index[name], []
+        if len({points.names[i][:-1] for i in points_named}) > 1:  # several groups use the name: they may be sessions
             for here in dict.fromkeys(sessions[row] for row in rows):
-                own = [i for i in found if here in points.names[i][:-1]]
-                parts.append(([row for row in rows if sessions[row] == here], own))
+                within = [i for i in points_named if here in points.names[i][:-1]]
+                parts.append(([row for row in rows if sessions[row] == here], within))
         # Groups that are no session may still mean these rows: then nobody knows which, and `_check_order` says so.
-        for mine, own in parts if any(own for _, own in parts) else [(rows, found)]:
-            if own:
-                _check_order(table, name, mine, own, points)
-                for row, point in zip(mine, own, strict=True):
+        for mine, within in parts if any(within for _, within in parts) else [(rows, points_named)]:
+            if within:
+                _check_order(table, name, mine, within, points)
+                for row, point in zip(mine, within, strict=True):
                     point_of[row] = point
     if len(table) and all(point is None for point in point_of):
         text = f"no row's name is that of a point in {points.path} (rows: {listing(dict.fromkeys(wanted), 5)}; points: "
@@ -289,13 +289,13 @@ def _match(table: Table, wanted: Sequence[str], points: PointExport) -> list[int
     return point_of
 
 
-def _check_order(table: Table, name: str, rows: Sequence[int], found: Sequence[int], points: PointExport) -> None:
+def _check_order(table: Table, name: str, rows: Sequence[int], matched: Sequence[int], points: PointExport) -> None:
     """Raise `TableError` where rows of one name do not take its points one by one."""
-    groups = dict.fromkeys("::".join(points.names[i][:-1]) for i in found)
-    if len(rows) != len(found) or len(groups) > 1:
-        read = f"{len(found)} points (lines {listing((str(points.lines[i]) for i in found), 5)})"
+    groups = dict.fromkeys("::".join(points.names[i][:-1]) for i in matched)
+    if len(rows) != len(matched) or len(groups) > 1:
+        read = f"{len(matched)} points (lines {listing((str(points.lines[i]) for i in matched), 5)})"
         asked = f"{len(rows)} rows of {table.path} (lines {listing((str(table.lines[row]) for row in rows), 5)})"
         which = f" in groups {listing(map(repr, groups), 5)}" if len(groups) > 1 else ""
         hint = "name each row's point in a column 'point', empty where nothing was read"
         text = f"{name!r}: {read}{which} for {asked}: {hint}"
-        raise TableError(Place(points.path, points.lines[found[0]]), text)
+        raise TableError(Place(points.path, points.lines[matched[0]]), text)

@@ -78,9 +78,15 @@ class Repeats(Result):
         """A row for each kind of repeats there is: its pooled standard deviations [m] and degrees of freedom."""
         kinds = {name: getattr(self, name) for name in ("same_session", "same_approach", "across_sessions")}
         return [
-            {"repeats": name, "sigma": one.sigma, "stated": one.stated, "freedom": one.freedom, "groups": one.groups}
-            for name, one in kinds.items()
-            if one is not None
+            {
+                "repeats": name,
+                "sigma": scatter.sigma,
+                "stated": scatter.stated,
+                "freedom": scatter.freedom,
+                "groups": scatter.groups,
+            }
+            for name, scatter in kinds.items()
+            if scatter is not None
         ]
 
 
@@ -132,15 +138,15 @@ def _scatter(position: Array, labels: np.ndarray, rows: np.ndarray, sigma: Array
         sigma: (N, 3) stated standard deviations [m].
     """
     order = rows[np.argsort(labels[rows], kind="stable")]
-    sets = [own for own in np.split(order, np.flatnonzero(np.diff(labels[order])) + 1) if len(own) > 1]
+    sets = [alike for alike in np.split(order, np.flatnonzero(np.diff(labels[order])) + 1) if len(alike) > 1]
     if not sets:
         return None
     lost = _lost(position, sets, _stated(sigma[np.concatenate(sets)]))
-    kept = [own for own in (np.setdiff1d(own, lost) for own in sets) if len(own) > 1]
+    kept = [alike for alike in (np.setdiff1d(alike, lost) for alike in sets) if len(alike) > 1]
     if not kept:
         return None
-    squares = sum(((position[own] - position[own].mean(axis=0)) ** 2).sum(axis=0) for own in kept)
-    freedom = sum(len(own) - 1 for own in kept)
+    squares = sum(((position[alike] - position[alike].mean(axis=0)) ** 2).sum(axis=0) for alike in kept)
+    freedom = sum(len(alike) - 1 for alike in kept)
     stated = _stated(sigma[np.concatenate(kept)])
     return Scatter(np.sqrt(squares / freedom), freedom, len(kept), stated, tuple(lost.tolist()))
 

@@ -51,8 +51,8 @@ def sheet_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
                         raise TableError(Place(path, number), text)
                     value = cell.value
                     texts.append("" if value is None else repr(value) if isinstance(value, float) else str(value))
-                if found := next(filter(None, map(unprintable, texts)), None):
-                    raise TableError(Place(path, number), found[1])
+                if bad := next(filter(None, map(unprintable, texts)), None):
+                    raise TableError(Place(path, number), bad[1])
                 if any(map(str.strip, texts)):
                     width = width or max(i for i, text in enumerate(texts, 1) if text.strip())
                     shorter = not any(map(str.strip, texts[width:]))  # cells that only have a colour

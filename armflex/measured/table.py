@@ -197,8 +197,8 @@ def read_table(path: Tabular, kinds: Mapping[str, str]) -> Table:
     if isinstance(path, Table):
         return path
     if not isinstance(path, str | Path):
-        frame, found = _frame_rows(path)
-        return next(_tables(frame, kinds, found, None))
+        frame, rows = _frame_rows(path)
+        return next(_tables(frame, kinds, rows, None))
     return next(_tables(Path(path), kinds, iter(list(_rows(Path(path), None))), None))
 
 
@@ -221,8 +221,8 @@ def _frame_rows(table: DataFrame) -> tuple[Frame, Iterator[tuple[int, list[str]]
     text = "\n".join("\0".join(cells) for cells in rows)
     frame = Frame(tuple(table.index), hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest())
     for line, cells in enumerate(rows, 1):
-        if found := next(filter(None, map(unprintable, cells)), None):
-            raise TableError(Place(frame, line), found[1])
+        if bad := next(filter(None, map(unprintable, cells)), None):
+            raise TableError(Place(frame, line), bad[1])
     return frame, ((line, cells) for line, cells in enumerate(rows, 1) if any(map(str.strip, cells)))
 
 
@@ -313,12 +313,12 @@ def _with_points(path: Path, line: int, cells: list[str], mark: str) -> tuple[li
     """
     for i, cell in enumerate(cells):
         comma = bool(DECIMAL_COMMA.fullmatch(cell.strip()))
-        own = "," if comma else "." if "." in cell and NUMBER.fullmatch(cell.strip()) else mark
-        if mark and own != mark:
+        point = "," if comma else "." if "." in cell and NUMBER.fullmatch(cell.strip()) else mark
+        if mark and point != mark:
             kinds = ("comma", "point") if comma else ("point", "comma")
             text = "holds {} with a decimal {} where numbers before it have a {}".format(shown(cell, 40), *kinds)
             raise TableError(Place(path, line), text)
-        cells[i], mark = (cell.replace(",", ".") if comma else cell), own
+        cells[i], mark = (cell.replace(",", ".") if comma else cell), point
     return cells, mark
 
 
@@ -330,9 +330,9 @@ def text_lines(path: Path) -> Iterator[str]:
             source: Any = file
             if file.peek(2)[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
                 source = io.TextIOWrapper(file, encoding="utf-16", newline="\n")
-            while some := source.readlines(BLOCK):
+            while lines := source.readlines(BLOCK):
                 if source is file:
-                    block = b"".join(some)
+                    block = b"".join(lines)
                     letters = block.decode("utf-8", "ignore")
                     if encoding != "cp1252" and len(letters.encode()) < len(block):
                         if wide or not letters.isascii():
@@ -341,12 +341,12 @@ def text_lines(path: Path) -> Iterator[str]:
                         block.decode(encoding)
                         warn([Flag("encoding", f"{path} is not UTF-8: its letters are taken as those of Windows-1252")])
                     wide = wide or not letters.isascii()
-                    some = [one.decode(encoding) for one in some]
+                    lines = [raw.decode(encoding) for raw in lines]
                     encoding = "utf-8" if encoding == "utf-8-sig" else encoding
-                if found := unprintable(text := "".join(some)):
-                    raise TableError(Place(path, line + text.count("\n", 0, found[0])), found[1])
-                line += len(some)
-                yield from some
+                if bad := unprintable(text := "".join(lines)):
+                    raise TableError(Place(path, line + text.count("\n", 0, bad[0])), bad[1])
+                line += len(lines)
+                yield from lines
     except OSError as error:
         raise TableError(Place(path), f"cannot be read: {error.strerror}") from None
     except UnicodeError:
@@ -433,8 +433,8 @@ def joint_kinds(arm: Arm, prefixes: str) -> dict[str, str]:
     beside = [(arm.robot.urdf.joints[name], "q") for name in arm.robot.locked if "q" in prefixes]
     return {
         f"{prefix}_{joint.name}": "length" if joint.kind == "prismatic" else "angle"
-        for joint, some in (*((joint, prefixes) for joint in arm.robot.moving), *beside)
-        for prefix in some
+        for joint, letters in (*((joint, prefixes) for joint in arm.robot.moving), *beside)
+        for prefix in letters
     }
 
 
@@ -443,40 +443,40 @@ def check_same_arm(table: Table, arm: Arm) -> None:
 
     Names that differ in capitals, with a unit or without, and single ones, are misspelt rather than another arm's.
     """
-    own = arm.joint_names
-    found = {name: {name.lower(), split_header(name)[0].lower()} for name in table.columns if name.startswith("q_")}
-    known = {f"q_{name}".lower() for name in (*own, *arm.robot.locked)}
-    foreign = [name for name, meant in found.items() if known.isdisjoint(meant)]
-    there = set().union(*found.values())
-    missing = [name for name in own if f"q_{name}".lower() not in there]
-    if min(len(missing), len(foreign)) > max(len(own) / 2.0, 1.0):
+    joints = arm.joint_names
+    meant_by = {name: {name.lower(), split_header(name)[0].lower()} for name in table.columns if name.startswith("q_")}
+    expected = {f"q_{name}".lower() for name in (*joints, *arm.robot.locked)}
+    foreign = [name for name, meant in meant_by.items() if expected.isdisjoint(meant)]
+    there = set().union(*meant_by.values())
+    missing = [name for name in joints if f"q_{name}".lower() not in there]
+    if min(len(missing), len(foreign)) > max(len(joints) / 2.0, 1.0):
         text = f"seems to be of another arm: it has {listing(foreign)}"
-        raise table.fail(f"{text}, and the joints of {arm.robot.urdf.name!r} are called {listing(own)}")
+        raise table.fail(f"{text}, and the joints of {arm.robot.urdf.name!r} are called {listing(joints)}")
 
 
-def misspelt(name: str, known: Iterable[str], likeness: float = 0.75) -> bool:
+def misspelt(name: str, names: Iterable[str], likeness: float = 0.75) -> bool:
     """Return whether a column's name is so near to one with a meaning that it counts as a mistake.
 
     That is where their likeness as of `difflib` is as large, or two neighbouring letters are exchanged.
     """
-    name, lowered = name.lower(), [one.lower() for one in known]
+    name, lowered = name.lower(), [known_name.lower() for known_name in names]
     exchanged = {name[:i] + name[i + 1] + name[i] + name[i + 2 :] for i in range(len(name) - 1)}
     return bool(difflib.get_close_matches(name, lowered, n=1, cutoff=likeness)) or not exchanged.isdisjoint(lowered)
 
 
 def check_unknown(
-    table: Table, names: Iterable[str], known: Sequence[str], joints: Sequence[str], recorded: bool = False
+    table: Table, names: Iterable[str], recognised: Sequence[str], joints: Sequence[str], recorded: bool = False
 ) -> None:
-    """Raise `TableError` at a column without a meaning whose name is one of the `known` ones misspelt.
+    """Raise `TableError` at a column without a meaning whose name is one of the `recognised` ones misspelt.
 
     What was `recorded` may have positions of joints that the arm does not have; a path may not. A joint in the name of
     a column is no likeness: `speed_elbow` is recorded beside `q_elbow`. Of such a name the word before the joint
     counts, and the joint only where that word is one of the known columns'.
     """
-    of_joints = {name: joint for name in known for joint in joints if name.endswith(f"_{joint}")}
+    of_joints = {name: joint for name in recognised for joint in joints if name.endswith(f"_{joint}")}
     before = {name.removesuffix(f"_{joint}") for name, joint in of_joints.items()}
     long = [word for word in before if len(word) >= SHORTEST]
-    plain, squeezed = [name for name in known if name not in of_joints], {_squeezed(name) for name in known}
+    plain, squeezed = [name for name in recognised if name not in of_joints], {_squeezed(name) for name in recognised}
     words = [name for name in plain if "_" not in name and len(name) > 2]
     digitless = {DIGITS.sub("", joint.lower()) for joint in joints}
     for name in names:
@@ -485,16 +485,16 @@ def check_unknown(
         meant = meant and (misspelt(rest, joints) or DIGITS.sub("", rest.lower()) in digitless)
         other = name.startswith("q_") and not recorded
         meant = meant or other or _squeezed(name) in squeezed
-        meant = meant or any(is_nearly(name, one) for one in plain)
+        meant = meant or any(is_nearly(name, other_name) for other_name in plain)
         if meant or (not DIGITS.search(name) and misspelt(name, words, 0.85)):
-            hint = did_you_mean(name, known) or (f": the arm's joints are {listing(joints)}" if other else "")
+            hint = did_you_mean(name, recognised) or (f": the arm's joints are {listing(joints)}" if other else "")
             raise table.fail(f"unknown column {table.columns[name].header!r}{hint}")
 
 
 def other_joints(table: Table, arm: Arm) -> list[str]:
     """Return columns of positions of joints that the arm does not have, such as those of a gripper in the same log."""
-    own = {f"q_{joint}" for joint in (*arm.joint_names, *arm.robot.locked)}
-    return [name for name in table.columns if name.startswith("q_") and name not in own]
+    columns_of_arm = {f"q_{joint}" for joint in (*arm.joint_names, *arm.robot.locked)}
+    return [name for name in table.columns if name.startswith("q_") and name not in columns_of_arm]
 
 
 def _squeezed(name: str) -> str:

@@ -111,39 +111,39 @@ class Question:
         """
         measured = before.measured
         assert measured is not None
-        causes = list({id(one): one for pair in pairs for one in pair if one.effect is not None}.values())
-        effects = [one.effect for one in causes if one.effect is not None]
+        causes = list({id(cause): cause for pair in pairs for cause in pair if cause.effect is not None}.values())
+        effects = [cause.effect for cause in causes if cause.effect is not None]
         reach = _reach(before, effects, settable)
         before, offer = learning(before, spread_evenly(reach, before.setup, count, 0))
         numbers, blocks = numbers_of(before.setup.arm.effects), dict[int, CandidateBlock]()
-        for one, effect in zip(causes, effects, strict=True):
-            number = 1 if one.ordinal == NOWHERE else numbers[one.ordinal]
+        for cause, effect in zip(causes, effects, strict=True):
+            number = 1 if cause.ordinal == NOWHERE else numbers[cause.ordinal]
             prior = amplitude_prior(effect, (), measured.view, measured.view.context)
-            blocks[id(one)] = CandidateBlock(effect, (), offer.view.context, one.ordinal, prior, number=number)
+            blocks[id(cause)] = CandidateBlock(effect, (), offer.view.context, cause.ordinal, prior, number=number)
         model = model_of(before, offer, list(blocks.values()))
         foreign = np.concatenate(
-            [np.zeros(0, int), *(model.place(blocks[id(one)]) for one in causes if one.ordinal == NOWHERE)]
+            [np.zeros(0, int), *(model.place(blocks[id(cause)]) for cause in causes if cause.ordinal == NOWHERE)]
         )
         kinds, truths = measured.view.readings.kinds, []
         noise = np.concatenate([np.full(kind.dimension, before.noises.get(kind.name, 1.0)) for kind in kinds])
         left = measured.view.whitened * measured.weights / noise**2
-        for one, other in pairs:
-            own, block = np.zeros(len(model.scale)), blocks[id(one)]
+        for cause, other in pairs:
+            step, block = np.zeros(len(model.scale)), blocks[id(cause)]
             place = model.place(block)
             rival = model.place(blocks[id(other)]) if other.effect is not None else place[:0]
-            others = np.setdiff1d(np.arange(len(own)), np.setdiff1d([*foreign, *place], rival))
-            if one.ordinal != NOWHERE:
-                own[place] = block.effect.acting / model.scale[place]
+            others = np.setdiff1d(np.arange(len(step)), np.setdiff1d([*foreign, *place], rival))
+            if cause.ordinal != NOWHERE:
+                step[place] = block.effect.acting / model.scale[place]
             else:  # as it is fitted to what everything else leaves
-                score, some = np.zeros(len(own)), np.append(np.setdiff1d(others, rival), place)
+                score, kept = np.zeros(len(step)), np.append(np.setdiff1d(others, rival), place)
                 # The products of its whitened columns with what the campaign's fit leaves.
                 score[place] = (
                     np.tensordot(answers([block], measured.view), left, axes=([0, 1], [0, 1])) * model.scale[place]
                 )
-                own[place] = model.known.conditional(some).solve(score[some])[-len(place) :]
-            truths.append(Truth(own, others, float(own @ own)))
-        now = np.array([one.chi_square(model.known, one.departure(model.known)) for one in truths])
-        chances = np.sqrt([one.probability * other.probability for one, other in pairs])
+                step[place] = model.known.conditional(kept).solve(score[kept])[-len(place) :]
+            truths.append(Truth(step, others, float(step @ step)))
+        now = np.array([truth.chi_square(model.known, truth.departure(model.known)) for truth in truths])
+        chances = np.sqrt([cause.probability * other.probability for cause, other in pairs])
         goal = Named(tuple(truths), chances, now)
         distinct = goal.apart(model.known.with_rows(model.rows(offer))) >= DISTINGUISHED**2
         goal = replace(goal, chances=np.where(distinct, chances, 0.0))
@@ -158,13 +158,13 @@ class Question:
         """
         if not self.open.any():
             return None
-        known, rng, here, width = self.model.known, np.random.default_rng(0), self.offer, WIDTH
+        gram, rng, here, width = self.model.known, np.random.default_rng(0), self.offer, WIDTH
         near = self.model.rows(here)
-        chosen = exchanged(self.goal, known, near, greedy(self.goal, known, near, count), 1)
+        chosen = exchanged(self.goal, gram, near, greedy(self.goal, gram, near, count), 1)
         for _ in range(ROUNDS):
             here = around(self.reach, self.before.setup, here.box[chosen], width, NEAR, rng)
             near = self.model.rows(here)
-            chosen = exchanged(self.goal, known, near, range(count), 1)
+            chosen = exchanged(self.goal, gram, near, range(count), 1)
             width *= 0.5
         rows = here.rows.some(chosen)
         measured = self.before.measured
@@ -179,8 +179,8 @@ class Question:
             best = orders[int(values.argmax())]
             more = [best.copy() for _ in range(ORDERS)]
             for order in more:  # two of its rows in each other's place
-                one, other = rng.choice(count, 2, replace=False)
-                order[[one, other]] = order[[other, one]]
+                first, other = rng.choice(count, 2, replace=False)
+                order[[first, other]] = order[[other, first]]
             orders, values = [*orders, *more], np.append(values, self._values(rows, more))
         best = orders[int(values.argmax())]
         names = tuple(f"{stem} {i + 1}" for i in range(len(best)))
@@ -190,13 +190,18 @@ class Question:
         named = tuple(name for name in self.reach.arm.joint_names if f"{APPROACH}{name}" not in given)
         stated = self.reach.sigma / self.before.noises.get("", 1.0)  # however far readings scatter
         reach = replace(self.reach, approached=named, sigma=stated)
-        return Asked(kept, reach, dict(measured.campaign.units), stem, -self.goal.value(known), -float(values.max()))
+        return Asked(kept, reach, dict(measured.campaign.units), stem, -self.goal.value(gram), -float(values.max()))
 
     @property
     def depends_on_order(self) -> bool:
         """Whether a cause, or an effect of the arm, remembers the rows before or depends on where joints come from."""
-        own = [*self.before.setup.arm.effects, *(one.effect for pair in self.pairs for one in pair if one.effect)]
-        return any(one.remembers or any(APPROACH in name for name in one.location.covariates) for one in own)
+        effects = [
+            *self.before.setup.arm.effects,
+            *(effect.effect for pair in self.pairs for effect in pair if effect.effect),
+        ]
+        return any(
+            effect.remembers or any(APPROACH in name for name in effect.location.covariates) for effect in effects
+        )
 
     def _values(self, rows: Rows, orders: Sequence[np.ndarray]) -> Array:
         """Return the goal after (n,) rows in each of some orders, the campaign's last row before them."""
@@ -206,14 +211,14 @@ class Question:
         way = rows.some(np.concatenate([[order[0], *order] for order in orders]))
         q = way.q.reshape(len(orders), count + 1, -1).copy()
         q[:, 0] = measured.campaign.q[-1]
-        approach = np.concatenate([last_motion(one) for one in q])
+        approach = np.concatenate([last_motion(positions) for positions in q])
         names = tuple(f"{number}" for number in range(len(orders)) for _ in range(count + 1))
         time = measured.campaign.time[-1] + APART * np.tile(np.arange(1.0, count + 2), len(orders))
         way = replace(way, q=q.reshape(len(way), -1), approach=approach, campaign=names, time=time)
         view = look(self.before.setup, way, readings=self.reach.unread(way))
         seen = answers(self.model.blocks, view) * self.model.scale
         seen = seen.reshape(len(orders), count + 1, *seen.shape[1:])[:, 1:]
-        return np.array([self.goal.value(self.model.known.with_rows(one)) for one in seen])
+        return np.array([self.goal.value(self.model.known.with_rows(seen_rows)) for seen_rows in seen])
 
     def split_by(self, number: int) -> tuple[tuple[str, float], ...]:
         """Return the best of each sort of instrument nobody has that distinguishes a pair, and by how much [sigma].
@@ -221,24 +226,24 @@ class Question:
         Each is read in some rows of the campaign. What is open of an instrument itself is found from the same readings.
         """
         assert self.before.measured is not None
-        view, known, truth = self.before.measured.view, self.model.known, self.goal.truths[number]
-        some = view.some(np.unique(np.linspace(0, len(view.rows) - 1, READ).astype(int)))
+        view, gram, truth = self.before.measured.view, self.model.known, self.goal.truths[number]
+        sampled = view.some(np.unique(np.linspace(0, len(view.rows) - 1, READ).astype(int)))
         declared, read = view.arm.sensors, view.readings.names
-        sensors = {one.name: one for word in SPLITTING for one in unlike(view.arm, word, read)}
-        sensors = {name: one for name, one in sensors.items() if name not in declared}
+        sensors = {sensor.name: sensor for word in SPLITTING for sensor in unlike(view.arm, word, read)}
+        sensors = {name: sensor for name, sensor in sensors.items() if name not in declared}
         setup = replace(view.setup, arm=replace(view.arm, sensors={**declared, **sensors}))
-        kinds = tuple(one.kind.unread(len(some.rows), one.sigma, one.name) for one in sensors.values())
-        readings = Readings(len(some.rows), kinds)
-        here = replace(some, setup=setup, readings=readings, residual=np.zeros((len(some.rows), readings.size)))
+        kinds = tuple(sensor.kind.unread(len(sampled.rows), sensor.sigma, sensor.name) for sensor in sensors.values())
+        readings = Readings(len(sampled.rows), kinds)
+        here = replace(sampled, setup=setup, readings=readings, residual=np.zeros((len(sampled.rows), readings.size)))
         here = replace(here, readings=readings.within_range(here.at))
-        after = answers([one.of_rows(view.context) for one in self.model.blocks], here) * self.model.scale
-        best, unread = dict[str, tuple[str, float]](), [one for name, one in declared.items() if name not in read]
+        after = answers([block.of_rows(view.context) for block in self.model.blocks], here) * self.model.scale
+        best, unread = dict[str, tuple[str, float]](), [sensor for name, sensor in declared.items() if name not in read]
         for kind, place in here.readings.placed:
             open_of_it = sensor_block(setup, kind.name, ("",))
-            own = open_of_it.jacobian(here)[:, place] / here.sigma[:, place, None]
-            both = LinearGaussian(np.asarray(block_diag(known.information, np.diag(open_of_it.prior**-2.0))))
-            both = both.with_rows(np.concatenate([after[:, place], own], axis=2))
-            count = own.shape[2]
+            columns = open_of_it.jacobian(here)[:, place] / here.sigma[:, place, None]
+            both = LinearGaussian(np.asarray(block_diag(gram.information, np.diag(open_of_it.prior**-2.0))))
+            both = both.with_rows(np.concatenate([after[:, place], columns], axis=2))
+            count = columns.shape[2]
             others = np.append(truth.others, len(truth.own) + np.arange(count))
             wider = Truth(np.append(truth.own, np.zeros(count)), others, truth.held)
             more = wider.chi_square(both, wider.departure(both)) - self.goal.now[number]
@@ -248,7 +253,7 @@ class Question:
                 text = SPLITTING[word].format(place=sensor.about.joint if isinstance(sensor.about, Shaft) else link)
                 there = any(one.link == sensor.link and one.kind is sensor.kind for one in unread)
                 best[word] = f"another {text.split(' ', 1)[1]}" if there else text, sigmas
-        return tuple(sorted(best.values(), key=lambda one: -one[1]))
+        return tuple(sorted(best.values(), key=lambda option: -option[1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,12 +280,12 @@ def _reach(before: Before, effects: Sequence[Effect], settable: Mapping[str, Seq
     """Return what can be asked of the arm so that what effects depend on is known."""
     assert before.measured is not None
     campaign, arm = before.measured.campaign, before.setup.arm
-    known = campaign.known
-    needed = {name for one in (*arm.effects, *effects) for name in one.columns}
+    recorded = campaign.known
+    needed = {name for effect in (*arm.effects, *effects) for name in effect.columns}
     needed = {name for name in needed if not name.startswith(("q_", APPROACH)) and name != MASS}
-    levels = {name: settable.get(name, (float(known[name][-1]),)) for name in sorted(needed) if name != "time"}
+    levels = {name: settable.get(name, (float(recorded[name][-1]),)) for name in sorted(needed) if name != "time"}
     if "hold" in levels and "hold" not in settable:  # waiting needs nothing
-        levels["hold"] = (float(known["hold"].min()), float(known["hold"].max()))
+        levels["hold"] = (float(recorded["hold"].min()), float(recorded["hold"].max()))
     last = {"time": (float(campaign.time[-1]) + APART,)} if "time" not in campaign.derived else {}
     reach, _ = reach_of(
         before, effects, None, levels | ({"time": last["time"]} if "time" in needed else {}), None, None

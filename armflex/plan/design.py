@@ -40,11 +40,11 @@ class Goal(Protocol):
         """Return what people look at."""
         ...
 
-    def value(self, known: LinearGaussian) -> float:
+    def value(self, gram: LinearGaussian) -> float:
         """Return what is reached with what is known of P parameters."""
         ...
 
-    def gains(self, known: LinearGaussian, rows: Array) -> Array:
+    def gains(self, gram: LinearGaussian, rows: Array) -> Array:
         """Return (N,) rises of the value by each of (N, d, P) rows; see the top of this module."""
         ...
 
@@ -63,16 +63,18 @@ class DsOptimal:
     def shown(self, value: Array | float) -> Array | float:
         return np.exp(-np.asarray(value))
 
-    def value(self, known: LinearGaussian) -> float:
-        block = known.covariance[np.ix_(self.places, self.places)]
+    def value(self, gram: LinearGaussian) -> float:
+        block = gram.covariance[np.ix_(self.places, self.places)]
         return -0.5 * float(np.linalg.slogdet(block)[1]) / len(self.places)
 
-    def gains(self, known: LinearGaussian, rows: Array) -> Array:
-        covariance = known.covariance
+    def gains(self, gram: LinearGaussian, rows: Array) -> Array:
+        covariance = gram.covariance
         seen = rows @ covariance
         whole = _spread(seen, rows)
-        own = seen[:, :, self.places]
-        explained = own @ np.linalg.inv(covariance[np.ix_(self.places, self.places)]) @ np.swapaxes(own, -1, -2)
+        seen_here = seen[:, :, self.places]
+        explained = (
+            seen_here @ np.linalg.inv(covariance[np.ix_(self.places, self.places)]) @ np.swapaxes(seen_here, -1, -2)
+        )
         fall = np.linalg.slogdet(whole)[1] - np.linalg.slogdet(whole - explained)[1]
         return 0.5 * fall / len(self.places)
 
@@ -90,11 +92,11 @@ class IOptimal:
     def shown(self, value: Array | float) -> Array | float:
         return 1e3 * np.sqrt(np.maximum(-np.asarray(value), 0.0))
 
-    def value(self, known: LinearGaussian) -> float:
-        return -float((self.weight * known.covariance).sum())
+    def value(self, gram: LinearGaussian) -> float:
+        return -float((self.weight * gram.covariance).sum())
 
-    def gains(self, known: LinearGaussian, rows: Array) -> Array:
-        seen = rows @ known.covariance
+    def gains(self, gram: LinearGaussian, rows: Array) -> Array:
+        seen = rows @ gram.covariance
         less = np.linalg.solve(_spread(seen, rows), seen @ self.weight @ np.swapaxes(seen, -1, -2))
         return np.trace(less, axis1=1, axis2=2)
 
@@ -113,22 +115,22 @@ class Truth:
     others: np.ndarray
     held: float = 0.0
 
-    def apart(self, known: LinearGaussian, rows: Array) -> tuple[float, Array]:
+    def apart(self, gram: LinearGaussian, rows: Array) -> tuple[float, Array]:
         """Return the chi-square between the effect and its best imitation so far, and what (N, d, P) rows add each."""
-        there, departure = rows[:, :, self.others], self.departure(known)
+        there, departure = rows[:, :, self.others], self.departure(gram)
         left = rows @ departure
-        seen = there @ known.conditional(self.others).covariance
+        seen = there @ gram.conditional(self.others).covariance
         more = np.linalg.solve(_spread(seen, there), left[:, :, None])[:, :, 0]
-        return self.chi_square(known, departure), (left * more).sum(axis=1)
+        return self.chi_square(gram, departure), (left * more).sum(axis=1)
 
-    def chi_square(self, known: LinearGaussian, departure: Array) -> float:
+    def chi_square(self, gram: LinearGaussian, departure: Array) -> float:
         """Return the chi-square between the effect and its best imitation, from the (P,) `departure` between them."""
-        return max(float(departure @ known.information @ self.own) - self.held, 0.0)
+        return max(float(departure @ gram.information @ self.own) - self.held, 0.0)
 
-    def departure(self, known: LinearGaussian) -> Array:
+    def departure(self, gram: LinearGaussian) -> Array:
         """Return the (P,) values of the effect less those of its best imitation."""
         departure = self.own.copy()
-        departure[self.others] = -known.conditional(self.others).solve(known.information[self.others] @ self.own)
+        departure[self.others] = -gram.conditional(self.others).solve(gram.information[self.others] @ self.own)
         return departure
 
 
@@ -145,11 +147,11 @@ class TOptimal:
     def shown(self, value: Array | float) -> Array | float:
         return np.sqrt(np.maximum(value, 0.0))
 
-    def value(self, known: LinearGaussian) -> float:
-        return min(truth.chi_square(known, truth.departure(known)) for truth in self.truths)
+    def value(self, gram: LinearGaussian) -> float:
+        return min(truth.chi_square(gram, truth.departure(gram)) for truth in self.truths)
 
-    def gains(self, known: LinearGaussian, rows: Array) -> Array:
-        both = [truth.apart(known, rows) for truth in self.truths]
+    def gains(self, gram: LinearGaussian, rows: Array) -> Array:
+        both = [truth.apart(gram, rows) for truth in self.truths]
         return np.min([now + more for now, more in both], axis=0) - min(now for now, _ in both)
 
 
@@ -174,20 +176,20 @@ class Named:
     def shown(self, value: Array | float) -> Array | float:
         return -np.asarray(value)
 
-    def apart(self, known: LinearGaussian) -> Array:
+    def apart(self, gram: LinearGaussian) -> Array:
         """Return the (K,) chi-squares by which further readings put the pairs apart."""
-        return np.array([one.chi_square(known, one.departure(known)) for one in self.truths]) - self.now
+        return np.array([truth.chi_square(gram, truth.departure(gram)) for truth in self.truths]) - self.now
 
-    def value(self, known: LinearGaussian) -> float:
-        return -float(self.chances @ np.exp(-self.apart(known) / 8.0))
+    def value(self, gram: LinearGaussian) -> float:
+        return -float(self.chances @ np.exp(-self.apart(gram) / 8.0))
 
-    def gains(self, known: LinearGaussian, rows: Array) -> Array:
-        found = np.zeros(len(rows))
+    def gains(self, gram: LinearGaussian, rows: Array) -> Array:
+        gains = np.zeros(len(rows))
         for truth, chance, now in zip(self.truths, self.chances, self.now, strict=True):
             if chance > 0.0:
-                reached, more = truth.apart(known, rows)
-                found += chance * np.exp(-(reached - now) / 8.0) * -np.expm1(-more / 8.0)
-        return found
+                reached, more = truth.apart(gram, rows)
+                gains += chance * np.exp(-(reached - now) / 8.0) * -np.expm1(-more / 8.0)
+        return gains
 
 
 def _spread(seen: Array, rows: Array) -> Array:
@@ -195,42 +197,42 @@ def _spread(seen: Array, rows: Array) -> Array:
     return np.eye(rows.shape[1]) + seen @ np.swapaxes(rows, -1, -2)
 
 
-def greedy(goal: Goal, known: LinearGaussian, rows: Array, count: int) -> list[int]:
+def greedy(goal: Goal, gram: LinearGaussian, rows: Array, count: int) -> list[int]:
     """Return the numbers of `count` of (N, d, P) rows, each the best after those before it; none twice."""
     chosen: list[int] = []
     for _ in range(min(count, len(rows))):
-        chosen.append(int(_gains_beside(goal, known, rows, chosen).argmax()))
+        chosen.append(int(_gains_beside(goal, gram, rows, chosen).argmax()))
     return chosen
 
 
-def exchanged(goal: Goal, known: LinearGaussian, rows: Array, chosen: Sequence[int], rounds: int) -> list[int]:
+def exchanged(goal: Goal, gram: LinearGaussian, rows: Array, chosen: Sequence[int], rounds: int) -> list[int]:
     """Return the choice after each row was given up for the best there is in its place, at most `rounds` times each."""
     chosen = list(chosen)
     for _ in range(rounds):
         before = list(chosen)
-        for place, own in enumerate(before):
-            gains = _gains_beside(goal, known, rows, chosen[:place] + chosen[place + 1 :])
+        for place, row in enumerate(before):
+            gains = _gains_beside(goal, gram, rows, chosen[:place] + chosen[place + 1 :])
             best = int(gains.argmax())
-            if gains[best] > gains[own] + WORTH * abs(gains[own]):
+            if gains[best] > gains[row] + WORTH * abs(gains[row]):
                 chosen[place] = best
         if chosen == before:
             break
     return chosen
 
 
-def _gains_beside(goal: Goal, known: LinearGaussian, rows: Array, taken: list[int]) -> Array:
+def _gains_beside(goal: Goal, gram: LinearGaussian, rows: Array, taken: list[int]) -> Array:
     """Return (N,) what each row adds beside those that are taken, which can be taken no more."""
-    gains = goal.gains(known.with_rows(rows[taken]), rows)
+    gains = goal.gains(gram.with_rows(rows[taken]), rows)
     gains[taken] = -np.inf
     return gains
 
 
-def path(goal: Goal, known: LinearGaussian, rows: Array) -> Array:
+def path(goal: Goal, gram: LinearGaussian, rows: Array) -> Array:
     """Return (n + 1,) what is reached after none, one, two ... of (n, d, P) rows in their order."""
-    reached = [goal.value(known)]
+    reached = [goal.value(gram)]
     for row in rows:
-        known = known.with_rows(row)
-        reached.append(goal.value(known))
+        gram = gram.with_rows(row)
+        reached.append(goal.value(gram))
     return np.array(reached)
 
 
@@ -242,20 +244,20 @@ def shows(law: EffectLaw, place: str, levels: Collection[str]) -> str:
     return law.level if law.level and place in levels else law.instead
 
 
-def instead(own: Effect, hypothesis: Effect, levels: Collection[str] = ()) -> str:
+def instead(effect: Effect, hypothesis: Effect, levels: Collection[str] = ()) -> str:
     """Return what distinguishes two effects that move the tip alike.
 
     Two causes of one motion, at one place about one axis, are not distinguished by watching it. `levels` are as for
     `shows`.
     """
-    both, places = (hypothesis, own), (hypothesis.location, own.location)
+    both, places = (hypothesis, effect), (hypothesis.location, effect.location)
     one_motion = len({(place.site, place.axis) for place in places}) == 1 and places[0].axis is not None
     determined = dict.fromkeys(
-        shows(one.law, one.location.place, levels) for one in both if not (one_motion and one.law.watched)
+        shows(effect.law, effect.location.place, levels) for effect in both if not (one_motion and effect.law.watched)
     )
     determined.pop("", None)
     if determined or not one_motion:
         return ", or ".join(determined) or "measure a second target between the places in question"
-    if own.law.loaded != hypothesis.law.loaded:
+    if effect.law.loaded != hypothesis.law.loaded:
         return "carry other payloads in the same poses"
     return "correct either of them, because they move the arm alike"

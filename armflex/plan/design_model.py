@@ -96,15 +96,15 @@ class Before:
         """By instrument (n,) a usual standard deviation of the numbers that it read, in their units, as it scatters."""
         if self.measured is None:
             return {}
-        found: dict[str, Array] = {}
+        sigmas: dict[str, Array] = {}
         for kind in self.measured.campaign.readings.kinds:
             sigma = kind.sigma[self.measured.campaign.measured]
             read = np.isfinite(sigma)
             if read.any() and (kind.name or isinstance(kind, Position)):  # of a corner in no picture as of the others
                 usual = np.where(read.any(axis=0), sigma, np.median(sigma[read]))
                 usual = np.ma.median(np.ma.masked_invalid(usual), axis=0).filled()
-                found.setdefault(kind.name, self.noises.get(kind.name, 1.0) * usual)
-        return found
+                sigmas.setdefault(kind.name, self.noises.get(kind.name, 1.0) * usual)
+        return sigmas
 
     def seen_by(self, setup: Setup) -> Before:
         """Return the same as another arm or instrument has it."""
@@ -124,16 +124,16 @@ def known_before(arm: Arm, after: Measurements | None, as_stated: bool) -> Befor
     """
     if after is None:
         return Before(Setup(arm, arm.instrument or Instrument()))
-    found = fit_campaign(arm, after, keep=arm.certainty is not None, as_stated=as_stated)
-    fitted = found.fit
-    assert found.arm.certainty is not None
-    measured = Measured.of(fitted, after, found.arm.certainty, fitted.setup)
-    return Before(fitted.setup, measured, noises_of(fitted), found.flags)
+    calibration = fit_campaign(arm, after, keep=arm.certainty is not None, as_stated=as_stated)
+    fitted = calibration.fit
+    assert calibration.arm.certainty is not None
+    measured = Measured.of(fitted, after, calibration.arm.certainty, fitted.setup)
+    return Before(fitted.setup, measured, noises_of(fitted), calibration.flags)
 
 
-def noises_of(found: Fit) -> dict[str, float]:
+def noises_of(fitted: Fit) -> dict[str, float]:
     """Return by instrument how far its readings scatter over what they state, 1 or more."""
-    return {name: max(scatter, 1.0) for name, scatter in zip(found.view.readings.names, found.scatters, strict=True)}
+    return {name: max(scatter, 1.0) for name, scatter in zip(fitted.view.readings.names, fitted.scatters, strict=True)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,16 +193,16 @@ class Model:
         """Return (N, 3, P) changes of offered readings, in standard deviations of the readings."""
         return answers(self.blocks, offer.view) * self.scale
 
-    def std(self, known: LinearGaussian) -> Array:
+    def std(self, gram: LinearGaussian) -> Array:
         """Return the (P,) standard deviations of all parameters in their units."""
-        return self.scale * known.std
+        return self.scale * gram.std
 
 
 def learning(before: Before, offer: Offer) -> tuple[Before, Offer]:
     """Return both with the laws that are still to be learned free about what was declared, under the offered loads."""
     arm, block = before.setup.arm, law_block(before.setup, offer.view)
-    known, named = learned_laws(arm), () if block is None else zip(block.flexures, block.laws, strict=True)
-    new = {name: law for name, law in named if name not in known}
+    laws, named = learned_laws(arm), () if block is None else zip(block.flexures, block.laws, strict=True)
+    new = {name: law for name, law in named if name not in laws}
     if not new:
         return before, offer
     setup = replace(before.setup, arm=with_laws(arm, new))
@@ -224,16 +224,18 @@ def model_of(before: Before, offer: Offer, candidates: Sequence[CandidateBlock])
     Raises:
         InputError: The covariance of a calibrated arm is of other parameters, or of some of the laws that are learned.
     """
-    setup, known = before.setup, before.measured
+    setup, measured = before.setup, before.measured
     arm, laws = setup.arm, learned_laws(setup.arm)
-    if known is None and arm.certainty is not None:
+    if measured is None and arm.certainty is not None:
         return _stored(setup, arm.certainty, offer, candidates)
-    if known is None:
+    if measured is None:
         rows = Measurements.of(offer.rows, offer.view.readings)
     else:
-        kinds = {(type(one), one.name): one for one in (*offer.view.readings.kinds, *known.campaign.readings.kinds)}
-        both = Readings(len(known.campaign), tuple(kinds.values()))  # of which only the kinds are looked at
-        rows = replace(known.campaign, session=(*known.campaign.session, offer.rows.session[0]), readings=both)
+        kinds = {
+            (type(kind), kind.name): kind for kind in (*offer.view.readings.kinds, *measured.campaign.readings.kinds)
+        }
+        both = Readings(len(measured.campaign), tuple(kinds.values()))  # of which only the kinds are looked at
+        rows = replace(measured.campaign, session=(*measured.campaign.session, offer.rows.session[0]), readings=both)
     blocks = [*declared_blocks(setup, rows), *_law_blocks(laws)]
     asked = {candidate.ordinal for candidate in candidates}
     for ordinal, (effect, number) in enumerate(zip(arm.effects, numbers_of(arm.effects), strict=True)):
@@ -244,11 +246,11 @@ def model_of(before: Before, offer: Offer, candidates: Sequence[CandidateBlock])
     blocks += candidates
     scale = _finite(blocks)
     information = LinearGaussian(np.eye(len(scale)))
-    if known is not None:
-        kinds = known.view.readings.kinds
+    if measured is not None:
+        kinds = measured.view.readings.kinds
         noise = np.concatenate([np.full(kind.dimension, before.noises.get(kind.name, 1.0)) for kind in kinds])
         information = information.with_rows(
-            answers(blocks, known.view) * scale * (np.sqrt(known.weights) / noise)[:, :, None]
+            answers(blocks, measured.view) * scale * (np.sqrt(measured.weights) / noise)[:, :, None]
         )
     return Model(tuple(blocks), scale, information, scale)
 
@@ -289,24 +291,28 @@ def _stored(setup: Setup, certainty: Certainty, offer: Offer, candidates: Sequen
         raise InputError(OTHER_PARAMETERS.text)
     anew = {candidate.parameters[0].group for candidate in candidates if candidate.ordinal != NOWHERE}
     anew |= {Group(ParameterKind.COMPLIANCE, name) for name in new}
-    known = certainty.part(
-        [i for i, one in enumerate(parameters) if one.group.kind not in FRAMES and one.group not in anew]
+    certainty_kept = certainty.part(
+        [
+            i
+            for i, parameter in enumerate(parameters)
+            if parameter.group.kind not in FRAMES and parameter.group not in anew
+        ]
     )
     frames = [frame_block(setup)] if arm.measurement.frame == "unknown" else []
-    kept = blocks_of(known.parameters, setup, context=offer.view.context)
+    kept = blocks_of(certainty_kept.parameters, setup, context=offer.view.context)
     assert kept is not None  # some of what is there as a whole
-    sensors = [(name, one) for name, one in arm.sensors.items() if name in offer.view.readings.names]
-    keys = {name: sensor_keys(one, ("",), offer.view.readings.kinds) for name, one in sensors}
+    sensors = [(name, sensor) for name, sensor in arm.sensors.items() if name in offer.view.readings.names]
+    keys = {name: sensor_keys(sensor, ("",), offer.view.readings.kinds) for name, sensor in sensors}
     unknown = [
         sensor_block(setup, name, keys[name])
-        for name, one in sensors
-        if keys[name] and (isinstance(one, TouchingSensor) or not one.found)
+        for name, sensor in sensors
+        if keys[name] and (isinstance(sensor, TouchingSensor) or not sensor.found)
     ]
     fresh = [*unknown, *_law_blocks(new), *candidates]
-    blocks, std, wide = (*frames, *kept, *fresh), np.sqrt(np.diag(known.covariance)), _finite(frames)
+    blocks, std, wide = (*frames, *kept, *fresh), np.sqrt(np.diag(certainty_kept.covariance)), _finite(frames)
     scale = np.concatenate([wide, std, _finite(fresh)])
     normal, inside = np.eye(len(scale)), slice(len(wide), len(wide) + len(std))
-    normal[inside, inside] = np.linalg.inv(known.covariance / np.outer(std, std))
+    normal[inside, inside] = np.linalg.inv(certainty_kept.covariance / np.outer(std, std))
     prior = [
         block.prior
         if block.kind is ParameterKind.LAW

@@ -71,7 +71,7 @@ def driving_order(q: Array, groups: Sequence[Hashable], start: Array, span: Arra
     order: list[int] = []
     here = start / span
     for group in dict.fromkeys(groups):
-        members = [i for i, one in enumerate(groups) if one == group]
+        members = [i for i, member in enumerate(groups) if member == group]
         order += [members[i] for i in _short_way(q[members] / span, here)]
         here = q[order[-1]] / span
     return order
@@ -175,7 +175,7 @@ def write_plan(found: Plan | Asked, path: str | Path) -> Path:
     return write_table(path, columns)
 
 
-def _unit(found: Plan | Asked, column: str, kind: str) -> tuple[str, float]:
+def _unit(planned: Plan | Asked, column: str, kind: str) -> tuple[str, float]:
     """Return the suffix and the factor of a column's unit in the campaign before, '' and 1 for SI."""
-    unit = found.units.get(column, "")
+    unit = planned.units.get(column, "")
     return (f"_{unit}", UNITS[kind][unit]) if unit else ("", 1.0)

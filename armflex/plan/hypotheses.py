@@ -55,13 +55,13 @@ def named_effect(text: str, arm: Arm, columns: Sequence[str]) -> Effect:
         InputError: More than one place is meant.
         UnsupportedError: What it does depends on the rows before, or on a session that has been.
     """
-    known = dict(zip(map(spelled, arm.effects, numbers_of(arm.effects)), arm.effects, strict=True))
-    own = _meant(text, known)
-    if own is not None:
-        return known[own]
+    effects = dict(zip(map(spelled, arm.effects, numbers_of(arm.effects)), arm.effects, strict=True))
+    title = _meant(text, effects)
+    if title is not None:
+        return effects[title]
     name = text.partition(":")[0].strip()
     if name not in CATALOGUE:
-        raise UnknownNameError("effect", name, [*CATALOGUE, *known])
+        raise UnknownNameError("effect", name, [*CATALOGUE, *effects])
     law = CATALOGUE[name]
     if law.of_session:
         raise UnsupportedError(f"{name} is of a session that has been: no row still to be measured depends on it")
@@ -81,10 +81,10 @@ def named_effect(text: str, arm: Arm, columns: Sequence[str]) -> Effect:
 def _meant(text: str, names: Collection[str]) -> str | None:
     """Return which of some names a text says, as far as it goes; raise `InputError` where it may be several."""
     text = text.strip()
-    found = [text] if text in names else [name for name in names if f"{name}:".startswith(f"{text.rstrip(':')}:")]
-    if len(found) > 1:
-        raise InputError(f"{text!r} may be {' or '.join(found[:6])}: say which")
-    return found[0] if found else None
+    titles = [text] if text in names else [name for name in names if f"{name}:".startswith(f"{text.rstrip(':')}:")]
+    if len(titles) > 1:
+        raise InputError(f"{text!r} may be {' or '.join(titles[:6])}: say which")
+    return titles[0] if titles else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,16 +115,16 @@ def candidate_of(effect: Effect, arm: Arm, offer: Offer) -> CandidateBlock:
     """
     ordinal = arm.effects.index(effect) if effect in arm.effects else NOWHERE
     number = 1 if ordinal == NOWHERE else numbers_of(arm.effects)[ordinal]
-    known = any(effect.amplitudes)
-    if not known:
-        inner = tuple(_usual(one, effect, offer.view.context) for one in effect.law.inner)
+    sized = any(effect.amplitudes)
+    if not sized:
+        inner = tuple(_usual(inner, effect, offer.view.context) for inner in effect.law.inner)
         effect = replace(effect, values=(*effect.amplitudes, *inner))
     if effect.remembers:
         text = (
             f"{effect.title} depends on the rows before: no choice of single rows distinguishes it from another effect"
         )
         raise UnsupportedError(text)
-    free = free_inner(effect) if known else ()
+    free = free_inner(effect) if sized else ()
     prior = amplitude_prior(effect, free, offer.view, offer.view.context)
     return CandidateBlock(effect, free, offer.view.context, ordinal, prior, number=number)
 
@@ -144,10 +144,10 @@ def refitted(candidate: CandidateBlock, before: Before) -> Fit | None:
     measured, arm = before.measured, before.setup.arm
     if measured is None or candidate.ordinal != NOWHERE:
         return None
-    prior, known = amplitude_prior(candidate.effect, (), measured.view, measured.view.context), measured.fit
+    prior, earlier = amplitude_prior(candidate.effect, (), measured.view, measured.view.context), measured.fit
     block = EffectBlock(candidate.effect, (), measured.view.context, len(arm.effects), prior)
-    start = np.concatenate([known.values, np.zeros(len(prior))])
-    return fit(known.declared, (*known.blocks, block), measured.campaign, known.view.rows, start, effort=ROUGH)
+    start = np.concatenate([earlier.values, np.zeros(len(prior))])
+    return fit(earlier.declared, (*earlier.blocks, block), measured.campaign, earlier.view.rows, start, effort=ROUGH)
 
 
 def hypothesis_of(candidate: CandidateBlock, fitted: Fit | None, offer: Offer) -> Hypothesis:
@@ -160,9 +160,9 @@ def hypothesis_of(candidate: CandidateBlock, fitted: Fit | None, offer: Offer) -
     if any(effect.amplitudes):
         return Hypothesis(candidate, np.append(effect.acting, inner), "of the arm")
     if fitted is not None:
-        found, std = fitted.values[-terms:], np.sqrt(np.diag(fitted.posterior.covariance))[-terms:]
-        if np.linalg.norm(found / std) > CLEAR * np.sqrt(terms):
-            return Hypothesis(candidate, np.append(found, inner), "estimated from what was measured")
+        values, std = fitted.values[-terms:], np.sqrt(np.diag(fitted.posterior.covariance))[-terms:]
+        if np.linalg.norm(values / std) > CLEAR * np.sqrt(terms):
+            return Hypothesis(candidate, np.append(values, inner), "estimated from what was measured")
     jacobian = answers([candidate], offer.view)[:, :, :terms]
     moved = np.sqrt((jacobian**2).mean(axis=(0, 1)))
     moving = moved > 0.0

@@ -83,28 +83,30 @@ def usual(arm: Arm, word: str) -> tuple[Sensor, ...]:
     kind, sigma, std = USUAL[word]
 
     def sensor(name: str, link: str, values: dict[str, Array] | None = None, shaft: Shaft | None = None) -> Sensor:
-        own = SlideEncoder if shaft and shaft.straight else kind
-        declared = [(values or {}).get(one.name, np.zeros(len(one.axes))) for one in own.nuisances]
-        spread = [np.full(len(one.axes), std.get(one.name, 0.0)) for one in own.nuisances]
-        return Sensor(f"{word}_{name}", own, link, sigma, np.concatenate(declared), np.concatenate(spread), about=shaft)
+        of_kind = SlideEncoder if shaft and shaft.straight else kind
+        declared = [(values or {}).get(nuisance.name, np.zeros(len(nuisance.axes))) for nuisance in of_kind.nuisances]
+        spread = [np.full(len(nuisance.axes), std.get(nuisance.name, 0.0)) for nuisance in of_kind.nuisances]
+        return Sensor(
+            f"{word}_{name}", of_kind, link, sigma, np.concatenate(declared), np.concatenate(spread), about=shaft
+        )
 
     if word == "wire":
         angles = 2.0 * np.pi * np.arange(ANCHORS) / ANCHORS
         ends = [(AWAY * np.cos(angle), AWAY * np.sin(angle), height) for angle in angles for height in HEIGHTS]
         anchors = [{"anchor": np.round(arm.robot.reach * np.array(end), 2)} for end in ends]
-        found = [sensor(f"{i + 1}", arm.robot.tip, anchor) for i, anchor in enumerate(anchors)]
+        sensors = [sensor(f"{i + 1}", arm.robot.tip, anchor) for i, anchor in enumerate(anchors)]
         carried = [joint.child for joint in arm.robot.moving[1:] if joint.child != arm.robot.tip]
-        some = list(enumerate(anchors))[::FEWER]
-        return (*found, *(sensor(f"{link}_{i + 1}", link, anchor) for link in carried for i, anchor in some))
+        fewer = list(enumerate(anchors))[::FEWER]
+        return (*sensors, *(sensor(f"{link}_{i + 1}", link, anchor) for link in carried for i, anchor in fewer))
     if word == "encoder":
-        found = []
+        sensors = []
         for joint in arm.robot.moving:
             origin = np.eye(4)
             origin[:3, :3], origin[:3, 3] = joint.rotation, joint.origin
             straight = joint.kind == "prismatic"
             shaft = Shaft(joint.name, joint.parent, straight, np.asarray(joint.axis), origin)
-            found.append(sensor(joint.name, joint.child, shaft=shaft))
-        return tuple(found)
+            sensors.append(sensor(joint.name, joint.child, shaft=shaft))
+        return tuple(sensors)
     point = {"point": np.array([0.0, 0.0, 0.1])} if word == "target" else {}
     return tuple(sensor(joint.child, joint.child, point) for joint in arm.robot.moving)
 
@@ -127,31 +129,33 @@ def informing_levels(arm: Arm, read: Collection[str]) -> frozenset[str]:
             upright = upright and float(np.linalg.norm(np.cross(turn @ joint.axis, up))) < UPRIGHT
             informed |= set() if upright else {joint.name}
     on = _moved_by(arm)
-    return frozenset(informed - {on.get(one.link) for one in _those(arm, read) if issubclass(one.kind, LEVELS)})
+    return frozenset(
+        informed - {on.get(sensor.link) for sensor in _those(arm, read) if issubclass(sensor.kind, LEVELS)}
+    )
 
 
 def unlike(arm: Arm, word: str, read: Collection[str]) -> tuple[Sensor, ...]:
     """Return the places of `usual` where none of the sensors that are read, by their names, says the same already."""
-    on, known = _moved_by(arm), _those(arm, read)
+    on, mounted = _moved_by(arm), _those(arm, read)
 
     def there(sensor: Sensor) -> bool:
         kinds = LEVELS if sensor.kind in LEVELS else sensor.kind
-        return any(issubclass(one.kind, kinds) and on.get(one.link) == on[sensor.link] for one in known)
+        return any(issubclass(other.kind, kinds) and on.get(other.link) == on[sensor.link] for other in mounted)
 
-    return tuple(one for one in usual(arm, word) if one.kind is Distance or not there(one))
+    return tuple(sensor for sensor in usual(arm, word) if sensor.kind is Distance or not there(sensor))
 
 
 def _moved_by(arm: Arm) -> dict[str, str]:
     """Return by link of the chain the last joint that moves it, 'base' for none."""
-    place, found = BASE, {arm.robot.base: BASE}
+    place, places = BASE, {arm.robot.base: BASE}
     for joint in arm.robot.chain:
         place = joint.name if joint in arm.robot.moving else place
-        found[joint.child] = place
-    return found
+        places[joint.child] = place
+    return places
 
 
 def _those(arm: Arm, names: Collection[str]) -> list[Sensor]:
-    return [one for name, one in arm.sensors.items() if name in names]
+    return [sensor for name, sensor in arm.sensors.items() if name in names]
 
 
 def choose(
@@ -167,20 +171,20 @@ def choose(
         rows: (n, d, P) rows that would be read, in standard deviations of the readings.
     """
     taken = [np.arange(place.start, place.stop) for name, place in places.items() if not name]
-    found = []
+    mounts = []
     for options in wanted.values():
         here = np.concatenate([np.zeros(0, dtype=int), *taken])
         without = goal.value(model.known.with_rows(rows[:, here]))
         values = []
         for sensor in options:
-            own = np.arange(places[sensor.name].start, places[sensor.name].stop)
-            values.append(goal.value(model.known.with_rows(rows[:, np.concatenate([here, own])])))
+            numbers = np.arange(places[sensor.name].start, places[sensor.name].stop)
+            values.append(goal.value(model.known.with_rows(rows[:, np.concatenate([here, numbers])])))
         order = np.argsort(-np.array(values))
         best = options[order[0]]
         taken.append(np.arange(places[best.name].start, places[best.name].stop))
         others = tuple((options[i].name, float(goal.shown(values[i]))) for i in order[1:])
-        found.append(Mounted(best, float(goal.shown(values[order[0]])), float(goal.shown(without)), others))
-    return tuple(found)
+        mounts.append(Mounted(best, float(goal.shown(values[order[0]])), float(goal.shown(without)), others))
+    return tuple(mounts)
 
 
 def declaration(sensor: Sensor) -> str:
@@ -189,11 +193,11 @@ def declaration(sensor: Sensor) -> str:
     lines = [f"[instrument.{sensor.name}]", f'kind = "{kind}"']
     lines += [f'joint = "{sensor.about.joint}"'] if isinstance(sensor.about, Shaft) else [f'link = "{sensor.link}"']
     start = 0
-    for one in sensor.kind.nuisances:
-        own = slice(start, start + len(one.axes))
-        start = own.stop
-        values, std = sensor.declared[own], float(sensor.std[own.start])
-        if values.any() or one.name == "anchor":
-            lines.append(f"{one.name} = {values.tolist() if len(values) > 1 else float(values[0])}")
-        lines += [f"{one.name}_std = {std:g}"] if std else []
+    for nuisance in sensor.kind.nuisances:
+        place = slice(start, start + len(nuisance.axes))
+        start = place.stop
+        values, std = sensor.declared[place], float(sensor.std[place.start])
+        if values.any() or nuisance.name == "anchor":
+            lines.append(f"{nuisance.name} = {values.tolist() if len(values) > 1 else float(values[0])}")
+        lines += [f"{nuisance.name}_std = {std:g}"] if std else []
     return "\n".join([*lines, f"sigma = {sensor.sigma:g}"])

@@ -54,13 +54,13 @@ class Place:
     @property
     def pairs(self) -> list[Pair]:
         """The pairs of causes that are in question."""
-        rivals = [one for one in self.others if one.probability >= POSSIBLE][:RIVALS]
+        rivals = [rival for rival in self.others if rival.probability >= POSSIBLE][:RIVALS]
         none = Cause(None, self.nothing)
         if self.found is not None:
             return [(self.found, other) for other in [*rivals, *([none] if self.nothing >= DOUBT else [])]]
         if not DOUBT < self.nothing < 1.0 - DOUBT:
             return []
-        return [*((one, none) for one in rivals), *combinations(rivals, 2)]
+        return [*((rival, none) for rival in rivals), *combinations(rivals, 2)]
 
 
 def next_measurement(
@@ -76,7 +76,7 @@ def next_measurement(
     """
     assert before.measured is not None
     poses = before.measured.campaign.pose
-    stem = next((one for one in STEMS if not any(f"{one} " in pose for pose in poses)), None)
+    stem = next((word for word in STEMS if not any(f"{word} " in pose for pose in poses)), None)
     groups = [place.pairs for place in places]
     pairs = [pair for group in groups for pair in group]
     try:
@@ -108,17 +108,19 @@ def _how(asked: Asked | None, rows: int, stem: str | None) -> str:
 
 def _odds(group: Sequence[Pair]) -> str:
     """Return the causes of some pairs with their probabilities, as '92 % this, 6 % that'."""
-    causes = sorted({id(one): one for pair in group for one in pair}.values(), key=lambda one: -one.probability)
-    return ", ".join(f"{one.probability:.0%} {one.effect.title if one.effect else 'nothing'}" for one in causes)
+    causes = sorted(
+        {id(cause): cause for pair in group for cause in pair}.values(), key=lambda cause: -cause.probability
+    )
+    return ", ".join(f"{cause.probability:.0%} {cause.effect.title if cause.effect else 'nothing'}" for cause in causes)
 
 
 def _elsewhere(question: Question, number: int) -> str:
     """Return in words what distinguishes a pair that no row does."""
-    one, other = question.pairs[number]
-    assert one.effect is not None
+    cause, other = question.pairs[number]
+    assert cause.effect is not None
     readings = question.before.measured.view.readings if question.before.measured else None
     names = [] if readings is None else readings.names
-    alike = f"More rows like those recorded do not distinguish {one.effect.title} from "
+    alike = f"More rows like those recorded do not distinguish {cause.effect.title} from "
     alike += other.effect.title if other.effect else "nothing"
     splitting = " or ".join(f"{name} ({more:.2g} standard deviations)" for name, more in question.split_by(number))
     if splitting:
@@ -126,7 +128,7 @@ def _elsewhere(question: Question, number: int) -> str:
     if other.effect is None:
         return f"{alike}."
     levels = informing_levels(question.before.setup.arm, names)
-    return f"{alike}; instead, {instead(one.effect, other.effect, levels)}."
+    return f"{alike}; instead, {instead(cause.effect, other.effect, levels)}."
 
 
 def misplaced_centres(effects: Sequence[Effect], robot: Robot) -> tuple[str, ...]:
@@ -149,9 +151,11 @@ def misplaced_centres(effects: Sequence[Effect], robot: Robot) -> tuple[str, ...
 def warming(effects: Sequence[Effect], recorded: Sequence[str]) -> tuple[str, ...]:
     """Return in words that links which grow with time may do so with a temperature that no column has."""
     growing = dict.fromkeys(
-        one.location.site
-        for one in effects
-        if "time" in one.location.covariates and not one.location.turns and one.location.site not in ("base", "tool")
+        effect.location.site
+        for effect in effects
+        if "time" in effect.location.covariates
+        and not effect.location.turns
+        and effect.location.site not in ("base", "tool")
     )
     if len(growing) < 2 or any(TEMPERATURE.search(name) for name in recorded):
         return ()
@@ -183,7 +187,7 @@ def lacking(measurements: Measurements, context: Context) -> tuple[str, ...]:
         )
     if "time" in measurements.derived:
         texts.append("Write down the time of every row: nothing that drifts, lags or slips was looked for.")
-    cylinders = [one.name for one in context.robot.linkage.cylinders]
+    cylinders = [cylinder.name for cylinder in context.robot.linkage.cylinders]
     if cylinders and "hold" not in context.recorded:
         texts.append(
             f"Write down in a column `hold` how long each pose has stood [s], and let it differ: whether "

@@ -83,7 +83,7 @@ class Reach:
         """Return what is to be read in rows."""
         count = len(rows)
         kinds: list[Kind] = [Position.unread(count, self.sigma)] if "" in self.read else []
-        for sensor in (one for name, one in self.arm.sensors.items() if name in self.read):
+        for sensor in (sensor for name, sensor in self.arm.sensors.items() if name in self.read):
             sigma = self.sigmas.get(sensor.name, sensor.sigma)
             if not isinstance(sensor, TouchingSensor):
                 kinds.append(sensor.unread(count, sigma))
@@ -95,11 +95,11 @@ class Reach:
     @property
     def touching(self) -> dict[str, tuple[str, ...]]:
         """Sockets that may be touched, by instrument: those whose places are known or were found."""
-        sensors = [one for name, one in self.arm.sensors.items() if name in self.read]
+        sensors = [sensor for name, sensor in self.arm.sensors.items() if name in self.read]
         return {
-            one.name: tuple(dict.fromkeys((*one.sockets.place, *filter(None, one.found))))
-            for one in sensors
-            if isinstance(one, TouchingSensor)
+            sensor.name: tuple(dict.fromkeys((*sensor.sockets.place, *filter(None, sensor.found))))
+            for sensor in sensors
+            if isinstance(sensor, TouchingSensor)
         }
 
     @property
@@ -117,8 +117,8 @@ class Reach:
         clearance = np.where(chosen, OVERSHOOT * (self.upper - self.lower), 0.0)
         low, high = self.lower + clearance, self.upper - clearance
         payload, *picked = (
-            np.array(some)[np.minimum((share * len(some)).astype(int), len(some) - 1)]
-            for share, some in zip(box.T[joints:], self.choices, strict=True)
+            np.array(options)[np.minimum((share * len(options)).astype(int), len(options) - 1)]
+            for share, options in zip(box.T[joints:], self.choices, strict=True)
         )
         names = [*(f"{APPROACH}{joint}" for joint in self.approached), *self.levels, *self.touching]
         chosen_of = dict(zip(names, picked, strict=True))
@@ -237,7 +237,7 @@ def _offer(reach: Reach, setup: Setup, box: Array) -> Offer:
     """
     rows, there = on_contact(reach, setup, reach.rows(box))
     if not there.any():
-        names = listing(dict.fromkeys(one for some in reach.touching.values() for one in some))
+        names = listing(dict.fromkeys(socket for sockets in reach.touching.values() for socket in sockets))
         raise InputError(f"the arm reaches none of the sockets {names} from {len(box)} configurations")
     box, rows = box[there], rows.some(np.flatnonzero(there))
     held, dropped = _held(setup.arm, rows)
@@ -279,7 +279,7 @@ def _clearances(arm: Arm, rows: Rows, view: View) -> tuple[Array, Array]:
     """
     places = dict(zip(view.line.link_names, view.line.links.transpose(1, 0, 2, 3)[:, :, :3, 3], strict=True))
     ends = [(joint.parent, joint.child) for joint in arm.robot.urdf.joints.values() if joint.child in places]
-    lines = [(places[one], places[other]) for one, other in ends if one in places]
+    lines = [(places[link], places[other]) for link, other in ends if link in places]
     tip, loads = view.line.tip, [arm.payload(name) for name in rows.payload]
     com = np.array([load.com * (load.mass > 0.0) for load in loads])
     lines.append((tip[:, :3, 3], tip[:, :3, 3] + np.einsum("nij,nj->ni", tip[:, :3, :3], com)))
@@ -289,8 +289,8 @@ def _clearances(arm: Arm, rows: Rows, view: View) -> tuple[Array, Array]:
     still = [joint.child for joint in arm.robot.chain if np.ptp(places[joint.child], axis=0).max() < STILL_WITHIN]
     top = places[still[-1]].mean(axis=0) if still else np.zeros(3)
     axis, radius = top / max(float(top @ top), 1e-12), THICK * arm.robot.reach
-    for one, other in lines:
-        points = one + share * (other - one)  # (ALONG, N, 3)
+    for start, other in lines:
+        points = start + share * (other - start)  # (ALONG, N, 3)
         if np.ptp(points[..., 2], axis=1).max() > STILL_WITHIN:
             lowest = np.minimum(lowest, points[..., 2].min(axis=0))
         off = np.linalg.norm(points - np.clip(points @ axis, 0.0, 1.0)[..., None] * top, axis=2)
@@ -305,26 +305,26 @@ def _held(arm: Arm, rows: Rows) -> tuple[np.ndarray, Counter[str]]:
     Raises:
         InputError: None has.
     """
-    known, dropped = known_rows(arm, rows), Counter[str]()
+    columns, dropped = known_rows(arm, rows), Counter[str]()
 
-    def deflected(some: np.ndarray) -> DeflectionBatch:
-        here, given = rows.some(some), {name: values[some] for name, values in known.items()}
+    def deflected(picked: np.ndarray) -> DeflectionBatch:
+        here, given = rows.some(picked), {name: values[picked] for name, values in columns.items()}
         return arm.deflection(here.q, here.payload, covariates=given, wrenches=here.wrenches, enforce_limits=False)
 
-    def asked(some: np.ndarray) -> list[np.ndarray]:
+    def asked(picked: np.ndarray) -> list[np.ndarray]:
         parts = []
-        for part, found in in_halves(deflected, some):
-            if isinstance(found, ArmflexError):
-                dropped[no_answer(found)] += 1
+        for part, answer in in_halves(deflected, picked):
+            if isinstance(answer, ArmflexError):
+                dropped[no_answer(answer)] += 1
             else:
                 parts.append(part)
         return parts
 
     held: list[np.ndarray] = []
     for payload in dict.fromkeys(rows.payload):
-        own = np.array([i for i, name in enumerate(rows.payload) if name == payload])
+        carrying = np.array([i for i, name in enumerate(rows.payload) if name == payload])
         before = +dropped
-        first, others = asked(own[:FEW]), own[FEW:]
+        first, others = asked(carrying[:FEW]), carrying[FEW:]
         if len(others) and first:
             held += asked(others)
         elif len(others):  # too heavy wherever it was tried: each of the others would take long to say the same

@@ -24,11 +24,11 @@ MARGIN = 0.05
 
 
 @checked_kinds
-def draw_plan(found: Plan, path: str | Path) -> Path:
+def draw_plan(planned: Plan, path: str | Path) -> Path:
     """Write a picture of a plan.
 
     Args:
-        found: The plan.
+        planned: The plan.
         path: Ends in .png, .pdf or .svg.
 
     Raises:
@@ -40,18 +40,18 @@ def draw_plan(found: Plan, path: str | Path) -> Path:
         from matplotlib.colors import LogNorm
 
         curve, *maps = figure.subplots(1, 3, width_ratios=(1.1, 1.0, 1.0))
-        _draw_curve(curve, found)
-        uncertainty = {title: values * 1e3 for title, values in found.uncertainty.items()}
+        _draw_curve(curve, planned)
+        uncertainty = {title: values * 1e3 for title, values in planned.uncertainty.items()}
         every = np.concatenate(list(uncertainty.values()))
         norm = LogNorm(float(np.quantile(every, 0.01)), float(np.quantile(every, 0.99)))
-        tip = found.offered.view.line.tip[:, :3, 3]
+        tip = planned.offered.view.line.tip[:, :3, 3]
         around = np.hypot(tip[:, 0], tip[:, 1]), tip[:, 2]  # the mean where the tip is, all around the base's z axis
         for axes, (title, values) in zip(maps, uncertainty.items(), strict=True):
             marks = axes.hexbin(*around, values, gridsize=CELLS, norm=norm, cmap="viridis_r", linewidths=0.2)
             axes.set(title=title, xlabel="distance from the base's z axis [m]", aspect="equal")
         maps[0].set_ylabel("z [m]")
-        arm = found.reach.arm
-        tips = [arm.rigid_pose(q, enforce_limits=False).translation for q in found.rows.q[found.rows.measured]]
+        arm = planned.reach.arm
+        tips = [arm.rigid_pose(q, enforce_limits=False).translation for q in planned.rows.q[planned.rows.measured]]
         read = np.hypot(*np.array(tips)[:, :2].T), np.array(tips)[:, 2]
         maps[1].plot(*read, "o", mfc="none", mec="crimson", ms=6)
         maps[1].set_title(f"{maps[1].get_title()} (circles)")
@@ -64,23 +64,23 @@ def draw_plan(found: Plan, path: str | Path) -> Path:
     return path
 
 
-def _draw_curve(axes: Axes, found: Plan) -> None:
+def _draw_curve(axes: Axes, planned: Plan) -> None:
     """Draw what is reached after each reading, planned and at random."""
-    shown = found.goal.shown
-    at_random = np.sort(shown(found.random), axis=0)
+    shown = planned.goal.shown
+    at_random = np.sort(shown(planned.random), axis=0)
     count = np.arange(at_random.shape[1])
     axes.fill_between(count, at_random[0], at_random[-1], color="0.85", label=f"random, {len(at_random)} draws")
-    axes.plot(count, shown(found.random.mean(axis=0)), color="0.5", label="random, mean")
-    axes.plot(np.arange(len(found.reached)), shown(found.reached), color="crimson", marker=".", label="planned")
-    if found.random_rows is not None:
-        end = float(shown(found.reached[-1]))
-        axes.plot([len(found.worth), found.random_rows], [end, end], ":", color="crimson")
-    axes.set(xlabel="readings", ylabel=found.goal.title, xlim=(0, count[-1]))
-    if not isinstance(found.goal, TOptimal):
-        known = np.concatenate([np.asarray(shown(found.reached))[3:], at_random[:, 3:].ravel()])
+    axes.plot(count, shown(planned.random.mean(axis=0)), color="0.5", label="random, mean")
+    axes.plot(np.arange(len(planned.reached)), shown(planned.reached), color="crimson", marker=".", label="planned")
+    if planned.random_rows is not None:
+        end = float(shown(planned.reached[-1]))
+        axes.plot([len(planned.worth), planned.random_rows], [end, end], ":", color="crimson")
+    axes.set(xlabel="readings", ylabel=planned.goal.title, xlim=(0, count[-1]))
+    if not isinstance(planned.goal, TOptimal):
+        drawn = np.concatenate([np.asarray(shown(planned.reached))[3:], at_random[:, 3:].ravel()])
         axes.set_yscale("log")
         _plain(axes)
-        axes.set_ylim(0.9 * known.min(), 1.1 * known.max())
+        axes.set_ylim(0.9 * drawn.min(), 1.1 * drawn.max())
     axes.legend(fontsize=8)
     axes.grid(alpha=0.3, which="both")
 

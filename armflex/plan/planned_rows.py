@@ -68,8 +68,10 @@ def blind_spots(model: Model, rows: Array, tip: Array, levels: Collection[str]) 
     whole = model.known.with_rows(rows)
     left = model.std(whole) > UNDETERMINED * model.prior
     most = np.sqrt((tip**2).sum(axis=1)).max(axis=0)
-    first = next((one.group.of for one in model.parameters if one.group.kind is ParameterKind.GEOMETRY), None)
-    found = []
+    first = next(
+        (parameter.group.of for parameter in model.parameters if parameter.group.kind is ParameterKind.GEOMETRY), None
+    )
+    directions = []
     for block in model.blocks:
         if block.kind in FRAMES or isinstance(block, CandidateBlock):
             continue
@@ -82,8 +84,8 @@ def blind_spots(model: Model, rows: Array, tip: Array, levels: Collection[str]) 
             how = UNLOADED if unloaded else (shows(law, of or "", levels) if law is not None else "") or ON_THE_LINK
             if block.kind is ParameterKind.GEOMETRY and of == first:  # where the arm stands, not how it is built
                 how = IN_THE_BASE
-            found.append(Blind(model.names[place], float(most[place]), partners, how))
-    return tuple(found)
+            directions.append(Blind(model.names[place], float(most[place]), partners, how))
+    return tuple(directions)
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -155,8 +157,9 @@ class Plan(Result):
             "parameters": self.certainties,
             "separation_sigmas": goal.shown(self.reached[-1]) if self.hypotheses else None,
             "between": [
-                record(one, "name source") | {"size": dict(zip(one.candidate.labels, one.size, strict=True))}
-                for one in self.hypotheses
+                record(hypothesis, "name source")
+                | {"size": dict(zip(hypothesis.candidate.labels, hypothesis.size, strict=True))}
+                for hypothesis in self.hypotheses
             ],
             "not_told": [
                 record(blind, "instead", parameter="name", trades_against="partners", moves_m="moves")
@@ -171,12 +174,12 @@ class Plan(Result):
     @property
     def certainties(self) -> list[dict[str, Any]]:
         """Every parameter that was not certain, with its standard deviation before and after, in its unit."""
-        blind = {one.name for one in self.blind}
+        blind = {direction.name for direction in self.blind}
         values = zip(self.model.parameters, self.std_before.tolist(), self.std_after.tolist(), strict=True)
         return [
-            record(one, "unit", name="label")
-            | {"before": before, "after": after, "told_by_tip": one.label not in blind}
-            for one, before, after in values
+            record(parameter, "unit", name="label")
+            | {"before": before, "after": after, "told_by_tip": parameter.label not in blind}
+            for parameter, before, after in values
             if before > 0.0
         ]
 
@@ -218,14 +221,14 @@ class Plan(Result):
     def advice(self) -> tuple[str, ...]:
         """What no tip reading determines, and what would: a line for all that the same measurement would determine."""
         notes, words = list(_between(self)), in_dh_words(self.reach.arm.robot)
-        for how in dict.fromkeys(one.instead for one in self.blind):
-            alike = [one for one in self.blind if one.instead == how]
+        for how in dict.fromkeys(direction.instead for direction in self.blind):
+            alike = [direction for direction in self.blind if direction.instead == how]
             names, more = (
-                ", ".join(words.get(one.name, (one.name,))[0] for one in alike[:MOST_NAMES]),
+                ", ".join(words.get(direction.name, (direction.name,))[0] for direction in alike[:MOST_NAMES]),
                 len(alike) - MOST_NAMES,
             )
             names += f", and {more} more" if more > 0 else ""
-            most = max(one.moves for one in alike) * 1e3
+            most = max(direction.moves for direction in alike) * 1e3
             weight = f"under weight alone each moves the tip by {most:.1g} mm at most; where it matters"
             read = "No tip reading" if "" in self.reach.read else "None of these readings"
             notes.append(f"{read} determines {names}; {weight if how == UNLOADED else 'instead'}, {how}.")
@@ -241,21 +244,23 @@ def _between(plan: Plan) -> Iterator[str]:
     goal = plan.goal
     if not isinstance(goal, TOptimal):
         return
-    places = [plan.model.place(one.candidate) for one in plan.hypotheses]
-    named = [f"{one.candidate.effect.title}{numbered(one.candidate.number)}" for one in plan.hypotheses]
+    places = [plan.model.place(hypothesis.candidate) for hypothesis in plan.hypotheses]
+    named = [
+        f"{hypothesis.candidate.effect.title}{numbered(hypothesis.candidate.number)}" for hypothesis in plan.hypotheses
+    ]
     levels = informing_levels(plan.reach.arm, plan.reach.read)
     readings = "No tip reading" if "" in plan.reach.read else "None of these readings"
     for pair in combinations(range(len(places)), 2):
         # Of each effect as the true one, the other in its stead.
         truths = {
-            i: one
-            for one in goal.truths
+            i: truth
+            for truth in goal.truths
             for i, j in (pair, pair[::-1])
-            if one.own[places[i]].any() and np.isin(places[j], one.others).all()
+            if truth.own[places[i]].any() and np.isin(places[j], truth.others).all()
         }
         said = " from ".join(named[i] for i in pair)
-        one, other = (plan.hypotheses[i].candidate.effect for i in pair)
-        otherwise = instead(one, other, levels)
+        effect, other = (plan.hypotheses[i].candidate.effect for i in pair)
+        otherwise = instead(effect, other, levels)
         if not truths or goal.shown(plan.everything) < DISTINGUISHED:
             yield f"{readings} distinguishes {said}; instead, {otherwise}."
             continue

@@ -119,7 +119,7 @@ def plan(
     path_flags = () if along is None else along.derived_directions(before.setup.arm)
     flags = (*before.flags, *path_flags, *flags)
     mounts: tuple[Mounted, ...] = ()
-    touching = [name for name, one in arm.sensors.items() if isinstance(one, TouchingSensor)]
+    touching = [name for name, sensor in arm.sensors.items() if isinstance(sensor, TouchingSensor)]
     if instruments is None and touching and not (after and after.readings.of(Position)):
         instruments = touching
     if instruments is not None:
@@ -127,7 +127,7 @@ def plan(
             raise InputError("instruments is empty: name what is read, such as 'tracker', or leave it out")
         before, reach, mounts = _mounted(before, reach, effects, instruments, rows, along, seed)
         # Sockets are where they are.
-        mounts = tuple(one for one in mounts if not isinstance(one.sensor, TouchingSensor))
+        mounts = tuple(mount for mount in mounts if not isinstance(mount.sensor, TouchingSensor))
     offer = spread_evenly(reach, before.setup, OFFERED, seed)
     if len(offer.rows) < rows:
         raise InputError(f"{rows} rows: only {len(offer.rows)} of {OFFERED} that were offered can be measured")
@@ -135,7 +135,9 @@ def plan(
     candidates = [candidate_of(effect, reach.arm, offer) for effect in effects]
     refits = [refitted(candidate, before) for candidate in candidates]
     fits = [before.measured.fit, *filter(None, refits)] if before.measured else []
-    best = min(fits, key=lambda one: max(one.noise * max(one.factors, default=1.0), 1.0), default=None)
+    best = min(
+        fits, key=lambda candidate: max(candidate.noise * max(candidate.factors, default=1.0), 1.0), default=None
+    )
     if best is not None and best is not fits[0]:  # one of them is what makes readings scatter
         before = replace(before, noises=noises_of(best))
         reach = replace(reach, sigma=_sigma_of(before, sigma), sigmas=before.sigmas)
@@ -147,7 +149,7 @@ def plan(
             text = f"{whose} scatter {noise:.2g} times as much as stated: something is missing, trace it first"
             flags = (*flags, Flag("unexplained_residual", text))
     hypotheses = tuple(
-        hypothesis_of(candidate, found, offer) for candidate, found in zip(candidates, refits, strict=True)
+        hypothesis_of(candidate, refit, offer) for candidate, refit in zip(candidates, refits, strict=True)
     )
     if not hypotheses and not model.moving.any():
         raise InputError(
@@ -159,18 +161,18 @@ def plan(
     tick(1, ROUNDS + 1)
 
     # The best of all that is offered, then of what is near it; the most informative first.
-    rng, here, known, width = np.random.default_rng(seed), offer, model.known, WIDTH
-    chosen = exchanged(goal, known, every, greedy(goal, known, every, rows), 3)
+    rng, here, gram, width = np.random.default_rng(seed), offer, model.known, WIDTH
+    chosen = exchanged(goal, gram, every, greedy(goal, gram, every, rows), 3)
     for number in range(ROUNDS):
         here = around(reach, before.setup, here.box[chosen], width, NEAR, rng)
         near = model.rows(here)
-        chosen = exchanged(goal, known, near, range(rows), 2)
+        chosen = exchanged(goal, gram, near, range(rows), 2)
         width *= NARROWER
         tick(number + 2, ROUNDS + 1)
-    best = np.array(chosen)[greedy(goal, known, near[chosen], rows)]
+    best = np.array(chosen)[greedy(goal, gram, near[chosen], rows)]
     informing = near[best]
 
-    reached = path(goal, known, informing)
+    reached = path(goal, gram, informing)
     start = np.clip(np.zeros(len(reach.lower)), reach.lower, reach.upper)
     stops, order, way = driven(here.rows.some(best), reach, start if before.campaign is None else before.campaign.q[-1])
     rng, most = np.random.default_rng(seed), min(FURTHER * rows, len(every))
@@ -180,11 +182,11 @@ def plan(
         reach=reach,
         goal=goal,
         model=model,
-        known=known.with_rows(informing),
+        known=gram.with_rows(informing),
         worth=np.diff(reached)[order],
         reached=reached,
-        random=np.array([path(goal, known, every[some]) for some in draws]),
-        everything=goal.value(known.with_rows(every)),
+        random=np.array([path(goal, gram, every[drawn]) for drawn in draws]),
+        everything=goal.value(gram.with_rows(every)),
         hypotheses=hypotheses,
         blind=blind_spots(model, every, _tip_rows(before, model, offer), informing_levels(reach.arm, reach.read)),
         offered=offer,
@@ -249,7 +251,7 @@ def reach_of(
     if far.any():
         middle = 0.5 * (lower + upper)
         lower, upper = np.where(far, middle - np.pi, lower), np.where(far, middle + np.pi, upper)
-        names = listing(name for name, one in zip(arm.joint_names, far, strict=True) if one)
+        names = listing(name for name, is_far in zip(arm.joint_names, far, strict=True) if is_far)
         flags = (*flags, Flag("one_turn", f"{names}: can go round more than once, planned within the middle turn"))
     kept = [effect.title for effect in arm.effects if effect.remembers]
     if kept:
@@ -315,10 +317,16 @@ def _goal(
     if hypotheses:
         truths = []
         for hypothesis, rival in permutations(hypotheses, 2):
-            own, places = np.zeros(len(model.scale)), model.place(hypothesis.candidate)
-            own[places] = hypothesis.size / model.scale[places]
-            gone = [model.place(one.candidate) for one in hypotheses if one is not rival]
-            truths.append(Truth(own, np.setdiff1d(np.arange(len(own)), np.concatenate(gone)), float(own @ own)))
+            departure, places = np.zeros(len(model.scale)), model.place(hypothesis.candidate)
+            departure[places] = hypothesis.size / model.scale[places]
+            gone = [model.place(other.candidate) for other in hypotheses if other is not rival]
+            truths.append(
+                Truth(
+                    departure,
+                    np.setdiff1d(np.arange(len(departure)), np.concatenate(gone)),
+                    float(departure @ departure),
+                )
+            )
         # One law may hold the other as a special case: then rows are for the case that the wider one is true.
         whole = model.known.with_rows(every)
         distinguished = [truth for truth in truths if TOptimal((truth,)).value(whole) >= DISTINGUISHED**2]
@@ -326,13 +334,13 @@ def _goal(
     if along is None:
         return DsOptimal(np.flatnonzero(model.moving))
     # The (P, P) mean over the trajectory of what parameters do to its readings, squared [m^2].
-    some = np.unique(np.linspace(0, len(along) - 1, min(len(along), PATH_ROWS)).astype(int))
+    thinned = np.unique(np.linspace(0, len(along) - 1, min(len(along), PATH_ROWS)).astype(int))
     ordered = along.for_arm(before.setup.arm)
-    known = {name: values[some] for name, values in ordered.known.items()}
-    rows = rows_at(before.setup.arm, ordered.q[some], tuple(along.payload[i] for i in some), known)
-    view = look(before.setup, rows, readings=unread(len(some), Position))
+    columns = {name: values[thinned] for name, values in ordered.known.items()}
+    rows = rows_at(before.setup.arm, ordered.q[thinned], tuple(along.payload[i] for i in thinned), columns)
+    view = look(before.setup, rows, readings=unread(len(thinned), Position))
     seen = answers(model.blocks, view) * model.scale
-    return IOptimal(np.tensordot(seen, seen, axes=([0, 1], [0, 1])) / len(some))
+    return IOptimal(np.tensordot(seen, seen, axes=([0, 1], [0, 1])) / len(thinned))
 
 
 def _mounted(
@@ -353,30 +361,30 @@ def _mounted(
 
     def having(sensors: Sequence[Sensor]) -> tuple[Before, Reach]:
         units = list(LONGEST)
-        every = {**reach.arm.sensors, **{one.name: one for one in sensors}}
+        every = {**reach.arm.sensors, **{sensor.name: sensor for sensor in sensors}}
         ordered = dict(sorted(every.items(), key=lambda pair: units.index(pair[1].kind.unit)))
         arm = replace(reach.arm, sensors=ordered)
         setup = replace(before.setup, arm=replace(before.setup.arm, sensors=ordered))
-        read = (*([""] if TRACKER in words else []), *(one.name for one in sensors))
+        read = (*([""] if TRACKER in words else []), *(sensor.name for sensor in sensors))
         return before.seen_by(setup), replace(reach, arm=arm, read=read)
 
-    known, everywhere = having([one for options in wanted.values() for one in options])
+    setting, everywhere = having([sensor for options in wanted.values() for sensor in options])
     for name, sockets in everywhere.touching.items():
         if not sockets:
             text = f"[instrument.{name}]: no place of a socket is known, and poses are to be on the contact"
             about = "place = { socket = [x, y, z] } and place_std = 0.02 under it, or --after with the touches so far"
             raise InputError(f"{text}: give {about}")
-    offer = spread_evenly(everywhere, known.setup, CHOOSING, seed)
-    known, offer = learning(known, offer)
+    offer = spread_evenly(everywhere, setting.setup, CHOOSING, seed)
+    setting, offer = learning(setting, offer)
     candidates = [candidate_of(effect, everywhere.arm, offer) for effect in effects]
-    model = model_of(known, offer, candidates)
-    hypotheses = [hypothesis_of(one, refitted(one, known), offer) for one in candidates]
+    model = model_of(setting, offer, candidates)
+    hypotheses = [hypothesis_of(candidate, refitted(candidate, setting), offer) for candidate in candidates]
     every = model.rows(offer)
-    goal = _goal(known, model, every, hypotheses, along)
-    some = np.random.default_rng(seed).choice(len(every), min(max(rows, FEWEST), len(every)), False)
+    goal = _goal(setting, model, every, hypotheses, along)
+    sampled = np.random.default_rng(seed).choice(len(every), min(max(rows, FEWEST), len(every)), False)
     places = {kind.name: place for kind, place in offer.view.readings.placed}
-    found = choose(wanted, places, goal, model, every[some])
-    return *having([one.sensor for one in found]), found
+    mounts = choose(wanted, places, goal, model, every[sampled])
+    return *having([mount.sensor for mount in mounts]), mounts
 
 
 def _tip_rows(before: Before, model: Model, offer: Offer) -> Array:
@@ -390,7 +398,7 @@ def _uncertainties(model: Model, tip: Array, every: Array, rows: Array, seed: in
 
     How the next session moves the instrument is no part of it: that is not of the arm.
     """
-    shown = tip * np.array([one.group.kind not in OF_SESSION for one in model.parameters])
+    shown = tip * np.array([parameter.group.kind not in OF_SESSION for parameter in model.parameters])
     states = {
         "known now": model.known,
         f"after {len(rows)} readings at random": model.known.with_rows(
@@ -399,7 +407,7 @@ def _uncertainties(model: Model, tip: Array, every: Array, rows: Array, seed: in
         f"after {len(rows)} planned readings": model.known.with_rows(rows),
     }
     now, at_random, planned = (
-        (title, np.sqrt(np.maximum(np.einsum("ndp,pq,ndq->n", shown, one.covariance, shown, optimize=True), 0.0)))
-        for title, one in states.items()
+        (title, np.sqrt(np.maximum(np.einsum("ndp,pq,ndq->n", shown, state.covariance, shown, optimize=True), 0.0)))
+        for title, state in states.items()
     )
     return dict((at_random if now[1].min() > UNKNOWN else now, planned))

@@ -78,9 +78,9 @@ def read_air(table: Declaration) -> Air:
     Raises:
         ArmFileError: A number is missing, or is none of air's.
     """
-    found = {name: table.number(name, DEFAULTS.get(name)) for name in BOUNDS}
+    air = {name: table.number(name, DEFAULTS.get(name)) for name in BOUNDS}
     for name, (low, high) in BOUNDS.items():
-        if not low <= found[name] <= high:
-            raise table.fail(name, f"expected {low:g} to {high:g}, got {found[name]:g}")
+        if not low <= air[name] <= high:
+            raise table.fail(name, f"expected {low:g} to {high:g}, got {air[name]:g}")
     table.finish()
-    return Air(**found)
+    return Air(**air)

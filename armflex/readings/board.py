@@ -63,7 +63,7 @@ def read_board(table: Declaration) -> Board:
     """
     kind = table.choice("kind", tuple(LENGTHS))
     if kind == "points":
-        points = np.array([one for one in table.ragged("points", *_shape_of(table))]).reshape(-1, 3)
+        points = np.array([point for point in table.ragged("points", *_shape_of(table))]).reshape(-1, 3)
         table.finish()
         return Board(kind, points)
     columns, rows = (_count(table, key) for key in ("columns", "rows"))
@@ -77,7 +77,7 @@ def read_board(table: Declaration) -> Board:
     table.finish()
     pitch = lengths[0] + (lengths[1] if kind == "apriltag" else 0.0)
     across, down = (columns - 1, rows - 1) if kind == "charuco" else (columns, rows)
-    i, j = (one.ravel().astype(float) for one in np.meshgrid(np.arange(across), np.arange(down)))
+    i, j = (grid.ravel().astype(float) for grid in np.meshgrid(np.arange(across), np.arange(down)))
     if kind == "charuco":
         i, j = i + 1.0, j + 1.0
     if kind == "asymmetric_circles":

@@ -120,11 +120,11 @@ class Direction(Kind):
         return said | {"about": Sight(sense, Plane(axis), air)}
 
     @classmethod
-    def stated(cls, one: Nuisance, table: Declaration, robot: Robot) -> tuple[Array, float]:
-        value, std = super().stated(one, table, robot)
-        if one is COLLIMATION and not table.has("collimation_std"):
+    def stated(cls, nuisance: Nuisance, table: Declaration, robot: Robot) -> tuple[Array, float]:
+        value, std = super().stated(nuisance, table, robot)
+        if nuisance is COLLIMATION and not table.has("collimation_std"):
             std = 0.0 if table.has("collimation") else ALIGNED
-        if one is PLACE and (away := float(np.linalg.norm(value))) > robot.reach + FURTHEST:
+        if nuisance is PLACE and (away := float(np.linalg.norm(value))) > robot.reach + FURTHEST:
             text = f"is {away:.3g} m from the base, and the arm reaches {robot.reach:.3g} m"
             raise table.fail("place", f"{text}: millimetres?")
         return value, std
@@ -148,9 +148,9 @@ class Direction(Kind):
         end, axis, tilt = at.end(self.name), self._sight(at).axis, at.of(self.name, "collimation")
         assert axis is not None
         way, changes = np.empty((len(tilt), 3)), np.empty((len(tilt), 3, 2))
-        for one in np.unique(tilt, axis=0):
-            own = (tilt == one).all(axis=1)
-            way[own], changes[own] = axis.tilted(one)
+        for pair in np.unique(tilt, axis=0):
+            tilted_so = (tilt == pair).all(axis=1)
+            way[tilted_so], changes[tilted_so] = axis.tilted(pair)
         turn = end.pose[:, :3, :3]
         return end, np.einsum("nij,nj->ni", turn, way), turn @ changes
 
@@ -217,30 +217,30 @@ class Direction(Kind):
         return {"collimation": self._grows(there, at.end(self.name, "eye"), at) @ change @ tilted}
 
     def by_gravity(self, at: Postures) -> Array:
-        found, grows = np.zeros((*self.values.shape, 3)), self._grows(self._there(at), at.end(self.name, "eye"), at)
+        change, grows = np.zeros((*self.values.shape, 3)), self._grows(self._there(at), at.end(self.name, "eye"), at)
         for i, step in enumerate(STEP * np.eye(3)):
             ends = [self._there(replace(at, gravity=at.gravity + side * step)) for side in (1.0, -1.0)]
-            found[:, :, i] = (grows @ (ends[0] - ends[1])[:, :, None])[:, :, 0] / (2.0 * STEP)
-        return found
+            change[:, :, i] = (grows @ (ends[0] - ends[1])[:, :, None])[:, :, 0] / (2.0 * STEP)
+        return change
 
     def by_bend(self, at: Postures) -> Array:
         there, _, more = self._in_vacuum(self._pointing(at)[1], at)
-        found = np.zeros((*self.values.shape, 2))
-        found[:, :, 1] = (self._grows(there, at.end(self.name, "eye"), at) @ more[:, :, None])[:, :, 0]
-        return found
+        change = np.zeros((*self.values.shape, 2))
+        change[:, :, 1] = (self._grows(there, at.end(self.name, "eye"), at) @ more[:, :, None])[:, :, 0]
+        return change
 
     def start(self, at: Postures) -> Array:
         """Return the frame of the angles as the directions have it, where it is not known nearly; see `Kind.start`."""
         sensor = at.sensors[self.name]
-        found, turn = np.zeros(len(sensor.std)), [name.startswith(LOOKS.name) for name, _ in sensor.labels]
+        deviation, turn = np.zeros(len(sensor.std)), [name.startswith(LOOKS.name) for name, _ in sensor.labels]
         read = np.isfinite(self.sigma).all(axis=1)
         if read.sum() < FEWEST or not sensor.std[turn].max(initial=0.0) > NEAR:
-            return found
+            return deviation
         wanted = self._sight(at).ways(self.values[read])
         left, _, right = np.linalg.svd(self._there(at)[read].T @ wanted)
         axes = left * (1.0, 1.0, np.linalg.det(left @ right)) @ right
-        found[turn] = pin.log3(axes) - sensor.declared[turn]
-        return found
+        deviation[turn] = pin.log3(axes) - sensor.declared[turn]
+        return deviation
 
 
 def _vertical(way: Array, at: Postures) -> tuple[Array, Array, Array]:
@@ -300,7 +300,7 @@ class PointDirection(Direction):
 
     def by_bend(self, at: Postures) -> Array:
         _, eye, length, way = self._line(at)
-        found = np.zeros((*self.values.shape, 2))
+        change = np.zeros((*self.values.shape, 2))
         lifted = length[:, None] * _vertical(way, at)[0]
-        found[:, :, 0] = (self._grows(way, eye, at) @ lifted[:, :, None])[:, :, 0]
-        return found
+        change[:, :, 0] = (self._grows(way, eye, at) @ lifted[:, :, None])[:, :, 0]
+        return change

@@ -49,9 +49,9 @@ class Distance(Kind):
         return {"link": link, "seen_from": other}
 
     @classmethod
-    def stated(cls, one: Nuisance, table: Declaration, robot: Robot) -> tuple[Array, float]:
+    def stated(cls, nuisance: Nuisance, table: Declaration, robot: Robot) -> tuple[Array, float]:
         """Return what is declared; an anchor has to be, and not beyond all reach."""
-        if one is ANCHOR:
+        if nuisance is ANCHOR:
             try:
                 away = float(np.linalg.norm(table.numbers("anchor", (3,))))
             except ArmFileError as error:
@@ -59,7 +59,7 @@ class Distance(Kind):
             if away > robot.reach + FURTHEST:
                 text = f"is {away:.3g} m from the base, and the arm reaches {robot.reach:.3g} m"
                 raise table.fail("anchor", f"{text}: millimetres?")
-        return super().stated(one, table, robot)
+        return super().stated(nuisance, table, robot)
 
     def _wire(self, at: Postures) -> tuple[End, End, Array, Array]:
         """Return the point, the anchor, (N,) the length between them [m], and (N, 3) the direction to the point."""
@@ -84,13 +84,13 @@ class Distance(Kind):
         sensor = at.sensors[self.name]
         free = np.flatnonzero(sensor.std[:4])
         read = np.flatnonzero(np.isfinite(self.sigma[:, 0]))
-        found = np.zeros(len(sensor.std))
+        deviation = np.zeros(len(sensor.std))
         if len(read) <= len(free) or sensor.std[:4].max(initial=0.0) < NEAR:
-            return found
+            return deviation
         from scipy.optimize import least_squares  # not needed to import the package
 
-        own, here = self.some(read), at.some(read)
-        size = np.maximum(own.sigma, COARSE)
+        reading, here = self.some(read), at.some(read)
+        size = np.maximum(reading.sigma, COARSE)
 
         def where(step: Array) -> Postures:
             values = np.zeros(len(sensor.std))
@@ -98,11 +98,11 @@ class Distance(Kind):
             return replace(here, sensors={self.name: replace(sensor, found={"": values})})
 
         def errors(step: Array) -> Array:
-            off = (own.values - own.predicted(where(step))) / size
+            off = (reading.values - reading.predicted(where(step))) / size
             return np.append(off, step / sensor.std[free])
 
         def slopes(step: Array) -> Array:
-            return np.vstack([-own.by_own(where(step))[:, 0, free] / size, np.diag(1.0 / sensor.std[free])])
+            return np.vstack([-reading.by_own(where(step))[:, 0, free] / size, np.diag(1.0 / sensor.std[free])])
 
         frame = here.end(self.name, "eye").pose  # as the anchor's link sees the points
         points = np.einsum("nij,ni->nj", frame[:, :3, :3], here.end(self.name).place - frame[:, :3, 3])
@@ -113,19 +113,19 @@ class Distance(Kind):
         for step in (np.zeros(4), np.append(image, 0.0)):
             # A fit goes on from it. SciPy infers the type of `jac` from its default, a word.
             ends.append(least_squares(errors, step[free], slopes, loss="soft_l1", ftol=1e-5))  # pyright: ignore[reportArgumentType]
-        found[free] = min(ends, key=lambda end: end.cost).x
-        return found
+        deviation[free] = min(ends, key=lambda end: end.cost).x
+        return deviation
 
     def elsewhere(self, at: Postures) -> str | None:
         sensor = at.sensors[self.name]
         # Wherever the anchor may be, its zero as declared.
         free = np.concatenate([np.full(3, ANYWHERE), sensor.std[3:]])
-        found = self.start(replace(at, sensors={self.name: replace(sensor, std=free)}))
-        there = replace(at, sensors={self.name: replace(sensor, found={"": found})})
-        off, left = (float(np.median(np.abs(self.residual(one)))) for one in (at, there))
-        away = np.linalg.norm(found[:3])
+        deviation = self.start(replace(at, sensors={self.name: replace(sensor, std=free)}))
+        there = replace(at, sensors={self.name: replace(sensor, found={"": deviation})})
+        off, left = (float(np.median(np.abs(self.residual(postures)))) for postures in (at, there))
+        away = np.linalg.norm(deviation[:3])
         if FALL * left < off and away > max(ELSEWHERE, BEYOND * float(np.linalg.norm(sensor.std[:3]))):
-            place = ", ".join(f"{value:.3g}" for value in sensor.declared[:3] + found[:3])
+            place = ", ".join(f"{value:.3g}" for value in sensor.declared[:3] + deviation[:3])
             where = f"[{place}], {away:.2g} m from the declared one"
             return f"the lengths fit {off / left:.0f} times better from an anchor at {where}"
         return None

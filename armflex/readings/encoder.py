@@ -67,9 +67,9 @@ class Encoder(Kind):
         q = at.q[shaft.joint]
         turns = back @ link[:, :3, :3]
         left = [pin.exp3(-value * shaft.axis) @ turn for value, turn in zip(q, turns, strict=True)]
-        own = [link[i, :3, :3] @ pin.Jlog3(turn).T @ shaft.axis for i, turn in enumerate(left)]
+        turned_axes = [link[i, :3, :3] @ pin.Jlog3(turn).T @ shaft.axis for i, turn in enumerate(left)]
         angles = np.array([pin.log3(turn) for turn in left]).reshape(-1, 3) @ shaft.axis[:, None]
-        return q[:, None] + angles, np.array(own).reshape(-1, 3)
+        return q[:, None] + angles, np.array(turned_axes).reshape(-1, 3)
 
     def ideal(self, at: Postures) -> Array:
         return self._angle(at)[0]

@@ -71,11 +71,11 @@ class Frequency(Kind):
         return replace(super().some(rows), mode=None if self.mode is None else self.mode[rows])
 
     def ideal(self, at: Postures) -> Array:
-        found = np.zeros(self.values.shape)
+        matched = np.zeros(self.values.shape)
         for row in np.flatnonzero(np.isfinite(self.sigma[:, 0])).tolist():
             with naming(at.place(row)):
-                found[row] = self._matched(at, row)
-        return found
+                matched[row] = self._matched(at, row)
+        return matched
 
     def _matched(self, at: Postures, row: int) -> float:
         """Return the frequency of the mode that a row reads [Hz].
@@ -88,20 +88,22 @@ class Frequency(Kind):
         frequencies, shapes = at.swing(row)
         read, number = float(self.values[row, 0]), 0 if self.mode is None else int(self.mode[row])
         number = number or about.mode or 0
-        known = ", ".join(f"{one:.4g}" for one in frequencies)
+        modes_listed = ", ".join(f"{frequency:.4g}" for frequency in frequencies)
         if number:
             if number > len(frequencies):
-                raise InputError(f"{self.name}: there is no mode {number}; the arm has {len(frequencies)}: {known} Hz")
+                raise InputError(
+                    f"{self.name}: there is no mode {number}; the arm has {len(frequencies)}: {modes_listed} Hz"
+                )
             return float(frequencies[number - 1])
         if about.axis is not None:
             along = np.abs(shapes[:, :3] @ at.pose(None)[row, :3, :3] @ about.axis)
             if not along.max() > 0.0:
-                raise InputError(f"{self.name}: none of the modes ({known} Hz) moves the tip along its axis")
+                raise InputError(f"{self.name}: none of the modes ({modes_listed} Hz) moves the tip along its axis")
             return float(frequencies[int(along.argmax())])
         if not read:
             return float(frequencies[0])  # still to be taken: what rings longest
         away = np.abs(np.log(frequencies / read))
         if away.min() > NEAREST:
-            text = f"{self.name} reads {read:.4g} Hz, and no mode is near: the arm has {known} Hz"
+            text = f"{self.name} reads {read:.4g} Hz, and no mode is near: the arm has {modes_listed} Hz"
             raise InputError(f"{text}; name the mode in a column {self.name}_mode, or `axis` of the instrument")
         return float(frequencies[int(away.argmin())])

@@ -41,20 +41,22 @@ class Height(Kind):
         """
         end, plane, tilt = at.end(self.name), at.sensors[self.name].about, at.of(self.name, "tilt")
         assert isinstance(plane, Plane)
-        points, found = end.place, np.zeros((len(end.place), 6))
-        for one in np.unique(tilt, axis=0):
-            own = (tilt == one).all(axis=1)
-            normal, tilted = plane.tilted(one)
-            found[own] = np.column_stack([points[own] @ normal, np.tile(normal, (own.sum(), 1)), points[own] @ tilted])
-        return end, found
+        points, heights = end.place, np.zeros((len(end.place), 6))
+        for pair in np.unique(tilt, axis=0):
+            tilted_so = (tilt == pair).all(axis=1)
+            normal, tilted = plane.tilted(pair)
+            heights[tilted_so] = np.column_stack(
+                [points[tilted_so] @ normal, np.tile(normal, (tilted_so.sum(), 1)), points[tilted_so] @ tilted]
+            )
+        return end, heights
 
     def ideal(self, at: Postures) -> Array:
         return self._over(at)[1][:, :1] - at.of(self.name, "table")
 
     def ends(self, at: Postures) -> Ends:
         """Return the point: it is read as it rises."""
-        end, found = self._over(at)
-        return {"end": (end, shifted(found[:, None, 1:4]))}
+        end, heights = self._over(at)
+        return {"end": (end, shifted(heights[:, None, 1:4]))}
 
     def others(self, at: Postures) -> Mapping[str, Array]:
         gain = self.gain(at)[:, None]

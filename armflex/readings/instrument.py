@@ -58,16 +58,19 @@ class Instrument:
     def mounting_in(self, sessions: Sequence[str]) -> Array:
         """Return the (N, 3) rotation vector of the target in the tip frame [rad] of each row's session."""
         turned = pin.exp3(self.mounting)
-        anew = {one: self._remounted(one)[3:] for one in set(sessions)}
-        found = {one: pin.log3(pin.exp3(turn) @ turned) if turn.any() else self.mounting for one, turn in anew.items()}
-        return np.array([found[one] for one in sessions]).reshape(-1, 3)
+        anew = {session: self._remounted(session)[3:] for session in set(sessions)}
+        mountings = {
+            session: pin.log3(pin.exp3(turn) @ turned) if turn.any() else self.mounting
+            for session, turn in anew.items()
+        }
+        return np.array([mountings[session] for session in sessions]).reshape(-1, 3)
 
     def _remounted(self, session: str) -> Array:
         """Return the (6,) shift [m] and rotation vector [rad] of the target in a session, beyond what all have."""
-        found = np.zeros(6)
-        for own in (self.targets[one] for one in self.within(session) if one in self.targets):
-            found = remounted(found, own) if found.any() else own
-        return found
+        step = np.zeros(6)
+        for target in (self.targets[part] for part in self.within(session) if part in self.targets):
+            step = remounted(step, target) if step.any() else target
+        return step
 
     def in_base(self, tip: Array, sessions: Sequence[str] = ()) -> Array:
         """Return the (N, 3) target in the base frame [m] for (N, 4, 4) tip poses, in each row's session where given."""
@@ -92,7 +95,7 @@ class Instrument:
 
     def session(self, name: str) -> pin.SE3:
         """Return the motion of points of the instrument frame to where a session has them [m]."""
-        first, *then = [self.frame(one) for one in self.within(name)]
+        first, *then = [self.frame(part) for part in self.within(name)]
         return then[0] * first if then else first
 
     def frame(self, name: str) -> pin.SE3:
@@ -105,7 +108,7 @@ class Instrument:
 
     def rotations(self, tip: Array, sessions: Sequence[str]) -> Array:
         """Return the (N, 3, 3) orientations of the target that the instrument would read, dimensionless."""
-        mounted = np.array([pin.exp3(one) for one in self.mounting_in(sessions)]).reshape(-1, 3, 3)
+        mounted = np.array([pin.exp3(vector) for vector in self.mounting_in(sessions)]).reshape(-1, 3, 3)
         return self.session_turns(sessions) @ self.axes(tip) @ mounted
 
     def axes(self, poses: Array) -> Array:
@@ -146,9 +149,9 @@ def twist_per_value(motion: Array) -> Array:
     Points go from p to exp(w) p + t; the twist is of their space, about its origin. It is one where the motion is none.
     """
     turning = pin.Jexp3(-motion[3:])  # the left Jacobian of the exponential
-    found = np.eye(6)
-    found[:3, 3:], found[3:, 3:] = pin.skew(motion[:3]) @ turning, turning
-    return found
+    change = np.eye(6)
+    change[:3, 3:], change[3:, 3:] = pin.skew(motion[:3]) @ turning, turning
+    return change
 
 
 SAME = 1e-4
@@ -199,6 +202,6 @@ def fit_mounting(axes: Array, rotation: Array) -> Array:
         axes: (N, 3, 3) axes of the tip in the instrument frame.
         rotation: (N, 3) rotation vectors read [rad].
     """
-    turns = [one.T @ pin.exp3(vector) for one, vector in zip(axes, rotation, strict=True)]
+    turns = [measured.T @ pin.exp3(vector) for measured, vector in zip(axes, rotation, strict=True)]
     left, _, right = np.linalg.svd(np.sum(turns, axis=0))
     return pin.log3(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)

@@ -115,17 +115,17 @@ class Kind(ABC):
         return {"link": link_in(table, "link", robot)}
 
     @classmethod
-    def stated(cls, one: Nuisance, table: Declaration, robot: Robot) -> tuple[Array, float]:
+    def stated(cls, nuisance: Nuisance, table: Declaration, robot: Robot) -> tuple[Array, float]:
         """Return (n,) what a table says of a nuisance, and one standard deviation, in its unit; 0 keeps it so."""
-        value, key = np.zeros(len(one.axes)), f"{one.name}_std"
-        if len(one.axes) == 1:
-            value[:] = table.number(one.name, 0.0)
-        elif table.has(one.name):
-            given = table.numbers(one.name, *((len(one.axes) - less,) for less in range(one.spare + 1)))
+        value, key = np.zeros(len(nuisance.axes)), f"{nuisance.name}_std"
+        if len(nuisance.axes) == 1:
+            value[:] = table.number(nuisance.name, 0.0)
+        elif table.has(nuisance.name):
+            given = table.numbers(nuisance.name, *((len(nuisance.axes) - less,) for less in range(nuisance.spare + 1)))
             value[: len(given)] = given
-        std = table.std(key, LONGEST[one.unit] if one.anywhere and not table.has(one.name) else 0.0)
-        if 0.0 < std < SMALLEST_STD or std > LONGEST[one.unit]:
-            expected = f"expected a standard deviation [{one.unit}] up to {LONGEST[one.unit]:g}"
+        std = table.std(key, LONGEST[nuisance.unit] if nuisance.anywhere and not table.has(nuisance.name) else 0.0)
+        if 0.0 < std < SMALLEST_STD or std > LONGEST[nuisance.unit]:
+            expected = f"expected a standard deviation [{nuisance.unit}] up to {LONGEST[nuisance.unit]:g}"
             raise table.fail(key, f"{expected}, got {std:g}")
         return value, std
 
@@ -172,12 +172,12 @@ class Kind(ABC):
 
     def gain(self, at: Postures) -> Array:
         """Return (N, 1) by how much the instrument stretches what it reads, dimensionless."""
-        names = [one.name for one in self.nuisances if one.of == "gain"]
+        names = [nuisance.name for nuisance in self.nuisances if nuisance.of == "gain"]
         return 1.0 + at.of(self.name, names[0]) if names else np.ones((len(self.values), 1))
 
     def predicted(self, at: Postures) -> Array:
         """Return the (N, d) numbers that the instrument would read, in `unit`."""
-        zeros = [at.of(self.name, one.name) for one in self.nuisances if one.of == "zero"]
+        zeros = [at.of(self.name, nuisance.name) for nuisance in self.nuisances if nuisance.of == "zero"]
         return sum(zeros, self.gain(at) * self.ideal(at))
 
     def residual(self, at: Postures) -> Array:
@@ -186,11 +186,11 @@ class Kind(ABC):
 
     def jacobian(self, at: Postures) -> Mapping[str | None, Array]:
         """Return by link the (N, d, 6) change of a reading per motion [m, rad] of each it sees; None is the tip."""
-        found: dict[str | None, Array] = {}
+        jacobians: dict[str | None, Array] = {}
         for end, change in self.ends(at).values():
             if end.link != FIXED:
-                found[end.link] = found.get(end.link, 0.0) + end.by_link(self.gain(at)[..., None] * change)
-        return found
+                jacobians[end.link] = jacobians.get(end.link, 0.0) + end.by_link(self.gain(at)[..., None] * change)
+        return jacobians
 
     def by_shift(self, at: Postures) -> Array:
         """Return (N, d) how far each number changes, in `unit`, as what it sees is shifted any way [per m]."""
@@ -216,14 +216,14 @@ class Kind(ABC):
 
     def by_target(self, at: Postures) -> Array:
         """Return (N, d, 3) change per shift [m] of the instrument's target in the tip frame."""
-        found = [end.by_shift(change) for end, change in self.ends(at).values() if end.link is None]
-        return sum(found, np.zeros((*self.values.shape, 3)))
+        changes = [end.by_shift(change) for end, change in self.ends(at).values() if end.link is None]
+        return sum(changes, np.zeros((*self.values.shape, 3)))
 
     def by_mounting(self, at: Postures) -> Array:
         """Return (N, d, 3) change per rotation vector [rad] of the instrument's target on the tool, in tip axes."""
         ends = self.ends(at).values()
-        found = [change[:, :, 3:] @ end.pose[:, :3, :3] for end, change in ends if end.link is None]
-        return sum(found, np.zeros((*self.values.shape, 3)))
+        changes = [change[:, :, 3:] @ end.pose[:, :3, :3] for end, change in ends if end.link is None]
+        return sum(changes, np.zeros((*self.values.shape, 3)))
 
     def by_own(self, at: Postures) -> Array:
         """Return (N, d, K) change per nuisance of the sensor, all of them in order and their units.
@@ -231,21 +231,21 @@ class Kind(ABC):
         Raises:
             NotImplementedError: `others` lacks a nuisance that is no end's, no gain and no zero.
         """
-        found, gain, ends, others = [np.zeros((*self.values.shape, 0))], self.gain(at), self.ends(at), self.others(at)
-        for one in self.nuisances:
-            if one.of in ends:
-                end, change = ends[one.of]
-                moved = end.by_shift(change) if one.unit == "m" else end.by_turn(change)
-                found.append(gain[..., None] * moved)
-            elif one.of == "zero":
-                found.append(np.broadcast_to(np.eye(len(one.axes)), (*self.values.shape, len(one.axes))))
-            elif one.of == "gain":
-                found.append(self.ideal(at)[..., None])
-            elif one.name in others:
-                found.append(others[one.name])
+        changes, gain, ends, others = [np.zeros((*self.values.shape, 0))], self.gain(at), self.ends(at), self.others(at)
+        for nuisance in self.nuisances:
+            if nuisance.of in ends:
+                end, change = ends[nuisance.of]
+                moved = end.by_shift(change) if nuisance.unit == "m" else end.by_turn(change)
+                changes.append(gain[..., None] * moved)
+            elif nuisance.of == "zero":
+                changes.append(np.broadcast_to(np.eye(len(nuisance.axes)), (*self.values.shape, len(nuisance.axes))))
+            elif nuisance.of == "gain":
+                changes.append(self.ideal(at)[..., None])
+            elif nuisance.name in others:
+                changes.append(others[nuisance.name])
             else:
-                raise NotImplementedError(f"{type(self).__name__}.others does not say how {one.name!r} changes it")
-        return np.concatenate(found, axis=2)
+                raise NotImplementedError(f"{type(self).__name__}.others does not say how {nuisance.name!r} changes it")
+        return np.concatenate(changes, axis=2)
 
     @property
     def texts(self) -> tuple[str, ...] | None:
@@ -254,12 +254,12 @@ class Kind(ABC):
 
     def by_key(self, at: Postures, key: str) -> Array:
         """Return (N, d, K) as `by_own`, of the nuisances of one session, '' all of them; of another key zero."""
-        own = np.array([key in ("", one) for one in at.sessions], dtype=bool)
-        return self.by_own(at) * own[:, None, None]
+        of_key = np.array([key in ("", session) for session in at.sessions], dtype=bool)
+        return self.by_own(at) * of_key[:, None, None]
 
     def begun(self, at: Postures, key: str) -> Array | None:
         """Return (K,) as `start`, of one session, '' all of them; None where it says nothing of that."""
-        rows = np.flatnonzero([key in ("", one) for one in at.sessions])
+        rows = np.flatnonzero([key in ("", session) for session in at.sessions])
         return self.some(rows).start(at.some(rows))
 
     def readable(self, at: Postures) -> np.ndarray:
@@ -268,7 +268,7 @@ class Kind(ABC):
 
     def start(self, at: Postures) -> Array:
         """Return (K,) deviations of the nuisances, in their units, from which a fit may begin."""
-        return np.zeros(sum(len(one.axes) for one in self.nuisances))
+        return np.zeros(sum(len(nuisance.axes) for nuisance in self.nuisances))
 
     def elsewhere(self, at: Postures) -> str | None:
         """Return where the instrument might stand instead, for the same readings; None where that is no question."""
@@ -277,7 +277,7 @@ class Kind(ABC):
 
 def link_in(table: Declaration, key: str, robot: Robot, other: str | None = None) -> str:
     """Return the link that a key of an instrument's table names, which is not the `other` that it already is on."""
-    found = table.choice(key, robot.urdf.below(robot.base), problem="the arm has no link {!r}")
-    if found == other:
-        raise table.fail(key, f"{found!r} is the link itself: nothing moves between the two")
-    return found
+    link = table.choice(key, robot.urdf.below(robot.base), problem="the arm has no link {!r}")
+    if link == other:
+        raise table.fail(key, f"{link!r} is the link itself: nothing moves between the two")
+    return link

@@ -48,11 +48,11 @@ def by_lens(points: Array, pixels: Array, focal: Array, centre: Array, lens: Arr
     """Return (N, C, 2, 9) the change of (N, C, 2) pictures [px] with focal lengths, centre and distortion."""
     x, y = np.moveaxis(points[..., :2] / points[..., 2:], -1, 0)
     r2 = x * x + y * y
-    found = np.zeros((*pixels.shape, 9))
+    change = np.zeros((*pixels.shape, 9))
     bent = (pixels - centre[:, None]) / focal[:, None]
-    for i, one in enumerate((x, y)):
-        found[..., i, i], found[..., i, 2 + i] = bent[..., i], 1.0
-        tangent = (2.0 * x * y, r2 + 2.0 * one * one)[:: 1 if i == 0 else -1]
-        own = np.stack([one * r2, one * r2**2, *tangent, one * r2**3], axis=-1)
-        found[..., i, 4:] = focal[:, None, i, None] * own
-    return found
+    for i, coordinate in enumerate((x, y)):
+        change[..., i, i], change[..., i, 2 + i] = bent[..., i], 1.0
+        tangent = (2.0 * x * y, r2 + 2.0 * coordinate * coordinate)[:: 1 if i == 0 else -1]
+        by_distortion = np.stack([coordinate * r2, coordinate * r2**2, *tangent, coordinate * r2**3], axis=-1)
+        change[..., i, 4:] = focal[:, None, i, None] * by_distortion
+    return change

@@ -33,7 +33,7 @@ class Orientation(Kind):
 
     def residual(self, at: Postures) -> Array:
         """Return the (N, 3) rotation vector from where the target should be to where it was seen [rad]."""
-        turns = [pin.log3(pin.exp3(read) @ one.T) for read, one in zip(self.values, self._turns(at), strict=True)]
+        turns = [pin.log3(pin.exp3(read) @ turn.T) for read, turn in zip(self.values, self._turns(at), strict=True)]
         return np.where(np.isfinite(self.sigma), np.array(turns).reshape(-1, 3), 0.0)
 
     def ends(self, at: Postures) -> Ends:

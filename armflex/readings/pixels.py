@@ -113,17 +113,25 @@ class Pixels(Kind):
         board, eye = at.end(self.name), at.end(self.name, "eye")
         size = 1.0 + at.of(self.name, "scale")[:, :, None]
         there = board.place[:, None] + (size * self._camera(at).board.points) @ board.axes.swapaxes(1, 2)
-        own = (there - eye.place[:, None]) @ eye.axes
-        own[..., 2] = np.where(np.abs(own[..., 2]) < NEAREST, NEAREST, own[..., 2])
-        return board, eye, there, own, *projected(own, *(at.of(self.name, one.name) for one in LENS))
+        in_camera = (there - eye.place[:, None]) @ eye.axes
+        in_camera[..., 2] = np.where(np.abs(in_camera[..., 2]) < NEAREST, NEAREST, in_camera[..., 2])
+        return (
+            board,
+            eye,
+            there,
+            in_camera,
+            *projected(in_camera, *(at.of(self.name, nuisance.name) for nuisance in LENS)),
+        )
 
     def ideal(self, at: Postures) -> Array:
         return self._seen(at)[4].reshape(self.values.shape)
 
     def ends(self, at: Postures) -> Ends:
         """Return board and camera."""
-        board, eye, there, own, _, change = self._seen(at)
-        there = eye.place[:, None] + own @ eye.axes.swapaxes(1, 2)  # as far before the camera as it is taken to be
+        board, eye, there, in_camera, _, change = self._seen(at)
+        there = eye.place[:, None] + in_camera @ eye.axes.swapaxes(
+            1, 2
+        )  # as far before the camera as it is taken to be
         change = change @ eye.axes.swapaxes(1, 2)[:, None]  # with the points in the base
 
         def moved(end: End) -> Array:
@@ -133,12 +141,12 @@ class Pixels(Kind):
         return {"end": (board, moved(board)), "eye": (eye, -moved(eye))}
 
     def others(self, at: Postures) -> Mapping[str, Array]:
-        board, eye, _, own, pixels, change = self._seen(at)
-        lens = by_lens(own, pixels, *(at.of(self.name, one.name) for one in LENS))
+        board, eye, _, in_camera, pixels, change = self._seen(at)
+        lens = by_lens(in_camera, pixels, *(at.of(self.name, nuisance.name) for nuisance in LENS))
         points = self._camera(at).board.points @ (eye.axes.swapaxes(1, 2) @ board.axes).swapaxes(1, 2)
         parts = np.split(lens, [2, 4], axis=3), [change @ points[..., None]]
         each = zip((*LENS, SIZE), (*parts[0], *parts[1]), strict=True)
-        return {one.name: part.reshape(*self.values.shape, -1) for one, part in each}
+        return {nuisance.name: part.reshape(*self.values.shape, -1) for nuisance, part in each}
 
     def by_shift(self, at: Postures) -> Array:
         return np.linalg.norm(self._seen(at)[5], axis=3).reshape(self.values.shape)
@@ -164,36 +172,38 @@ class Pixels(Kind):
         A picture of no size that is declared is twice its centre.
         """
         size, points = self._camera(at).image, self._camera(at).board.points
-        board, eye, _, own, pixels, _ = self._seen(at)
-        edge = 2.0 * at.of(self.name, "centre") if size is None else np.broadcast_to(size, (len(own), 2))
+        board, eye, _, in_camera, pixels, _ = self._seen(at)
+        edge = 2.0 * at.of(self.name, "centre") if size is None else np.broadcast_to(size, (len(in_camera), 2))
         inside = np.all((pixels > 0.0) & (pixels < edge[:, None]), axis=2)
-        shown = (own[..., 2] > NEAREST) & inside
+        shown = (in_camera[..., 2] > NEAREST) & inside
         if not np.ptp(points[:, 2]):  # a print's z points away from who looks at it
             away = np.einsum("nij,ni->nj", eye.axes, board.axes[..., 2])
-            shown &= (away * own.mean(axis=1)).sum(axis=1, keepdims=True) > 0.0
+            shown &= (away * in_camera.mean(axis=1)).sum(axis=1, keepdims=True) > 0.0
         return np.repeat(shown & (shown.mean(axis=1, keepdims=True) >= SHOWN), 2, axis=1)
 
     def start(self, at: Postures) -> Array:
         """Return where a fit may begin, from where it is: what is not known nearly is found in closed form."""
         sensor, declared = at.sensors[self.name], at.sensors[self.name].declared
-        names = np.array([one.name for one in self.nuisances for _ in one.axes])
-        near = np.array([NEAR[one.unit] if one.anywhere else np.inf for one in self.nuisances for _ in one.axes])
+        names = np.array([nuisance.name for nuisance in self.nuisances for _ in nuisance.axes])
+        near = np.array(
+            [NEAR[nuisance.unit] if nuisance.anywhere else np.inf for nuisance in self.nuisances for _ in nuisance.axes]
+        )
         lost = sensor.std > near
         if not lost.any():
             return np.zeros(len(declared))
         camera = self._camera(at)
         corners = np.where(np.isfinite(self.sigma), self.values, np.nan).reshape(len(self.values), -1, 2)
         board, link = at.pose(sensor.link), at.pose(sensor.seen_from)
-        known = {one.name: declared[names == one.name] for one in LENS}
-        focal = None if lost[names == "focal"].any() else known["focal"]
-        centre = None if lost[names == "centre"].any() else known["centre"]
+        stated = {nuisance.name: declared[names == nuisance.name] for nuisance in LENS}
+        focal = None if lost[names == "focal"].any() else stated["focal"]
+        centre = None if lost[names == "centre"].any() else stated["centre"]
         sight = Sighting(camera.board.points, corners, np.linalg.inv(board) @ link, camera.image)
-        found = sighted(sight, focal, centre, known["distortion"])
-        if found is None:
+        placed = sighted(sight, focal, centre, stated["distortion"])
+        if placed is None:
             return np.zeros(len(declared))
-        values = dict(zip(("focal", "centre", "anchor", "mounting", "board_at", "board_turn"), found, strict=True))
+        values = dict(zip(("focal", "centre", "anchor", "mounting", "board_at", "board_turn"), placed, strict=True))
         step = np.zeros(len(declared))
         for name, value in values.items():
-            own = names == name
-            step[own] = np.where(lost[own], value - at.of(self.name, name)[0], 0.0)
+            of_name = names == name
+            step[of_name] = np.where(lost[of_name], value - at.of(self.name, name)[0], 0.0)
         return step

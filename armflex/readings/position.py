@@ -52,9 +52,9 @@ class Position(Kind):
 
     def by_bend(self, at: Postures) -> Array:
         """Return (N, 3, 2): a beam that bends downwards lifts what is seen by the square of its length."""
-        found = np.zeros((len(self.values), 3, 2))
-        found[:, :, 0] = np.einsum("nij,nj->ni", at.turns, _lifted(self._straight(at), at))
-        return found
+        change = np.zeros((len(self.values), 3, 2))
+        change[:, :, 0] = np.einsum("nij,nj->ni", at.turns, _lifted(self._straight(at), at))
+        return change
 
     def by_scale(self, at: Postures) -> Array:
         """Return (N, 3) the points by the scale that they have now."""

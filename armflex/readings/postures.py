@@ -73,7 +73,10 @@ class Postures:
 
     def some(self, rows: np.ndarray) -> Postures:
         """Return the arm in (M,) of the rows."""
-        q, approach = ({joint: values[rows] for joint, values in one.items()} for one in (self.q, self.approach))
+        q, approach = (
+            {joint: values[rows] for joint, values in values_by_joint.items()}
+            for values_by_joint in (self.q, self.approach)
+        )
         return replace(
             self,
             pose=lambda link: self.pose(link)[rows],
@@ -90,14 +93,14 @@ class Postures:
     def end(self, name: str, of: str = "end") -> End:
         """Return where a sensor takes hold of the arm, or its "eye"; '' is the target that the instrument looks at."""
         if not name:
-            own = self.instrument.target_in(self.sessions), self.instrument.mounting_in(self.sessions)
-            return End(None, self.pose(None), *own)
+            mounted = self.instrument.target_in(self.sessions), self.instrument.mounting_in(self.sessions)
+            return End(None, self.pose(None), *mounted)
         sensor = self.sensors[name]
         link = sensor.link if of == "end" else sensor.seen_from or FIXED
         pose = np.tile(np.eye(4), (len(self.sessions), 1, 1)) if link == FIXED else self.pose(link)
-        own = {one.unit: self.of(name, one.name) for one in sensor.kind.nuisances if one.of == of}
+        moved = {nuisance.unit: self.of(name, nuisance.name) for nuisance in sensor.kind.nuisances if nuisance.of == of}
         none = np.zeros((len(pose), 3))
-        return End(link, pose, own.get("m", none), own.get("rad", none))
+        return End(link, pose, moved.get("m", none), moved.get("rad", none))
 
     def of(self, name: str, nuisance: str) -> Array:
         """Return the (N, n) values of a sensor's nuisance in the rows, in its unit."""

@@ -116,18 +116,18 @@ class Readings:
 
     def by_kind(self, errors: Array) -> tuple[tuple[Kind, float], ...]:
         """Return every kind with the RMS of what it read of (N, d) errors [its unit], over all its numbers."""
-        found = []
+        sizes = []
         for kind, place in self.placed:
             read = np.isfinite(kind.sigma)
             squares = (np.where(read, errors[:, place], 0.0) ** 2).sum()
-            found.append((kind, float(np.sqrt(squares / max(read.any(axis=1).sum(), 1)))))
-        return tuple(found)
+            sizes.append((kind, float(np.sqrt(squares / max(read.any(axis=1).sum(), 1)))))
+        return tuple(sizes)
 
     @cached_property
     def groups(self) -> tuple[slice, ...]:
         """Where the numbers stand that were read together: by the instrument at the tip, and by every sensor."""
         ends = {name: [place for kind, place in self.placed if kind.name == name] for name in self.names}
-        return tuple(slice(own[0].start, own[-1].stop) for own in ends.values())
+        return tuple(slice(members[0].start, members[-1].stop) for members in ends.values())
 
     @property
     def placed(self) -> tuple[tuple[Kind, slice], ...]:
@@ -136,7 +136,7 @@ class Readings:
 
     def of(self, kind: type[One], name: str = "") -> One | None:
         """Return the readings of a kind by an instrument, that at the tip when not given; None where there are none."""
-        return next((one for one in self.kinds if isinstance(one, kind) and one.name == name), None)
+        return next((reading for reading in self.kinds if isinstance(reading, kind) and reading.name == name), None)
 
     @property
     def read(self) -> np.ndarray:
@@ -146,10 +146,10 @@ class Readings:
     def within_range(self, at: Postures) -> Readings:
         """Return readings still to be taken without those that are beyond the range of their instrument."""
         kinds = [
-            replace(one, sigma=np.where(one.readable(at).reshape(self.count, -1), one.sigma, np.inf))
-            if one.name
-            else one
-            for one in self.kinds
+            replace(reading, sigma=np.where(reading.readable(at).reshape(self.count, -1), reading.sigma, np.inf))
+            if reading.name
+            else reading
+            for reading in self.kinds
         ]
         return replace(self, kinds=tuple(kinds))
 

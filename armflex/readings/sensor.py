@@ -104,7 +104,11 @@ class Sensor:
     @property
     def foreseen(self) -> bool:
         """Whether there is something to say of what it will read: not of a camera that may be anywhere."""
-        unknown = [one.anywhere * LONGEST[one.unit] or np.inf for one in self.kind.nuisances for _ in one.axes]
+        unknown = [
+            nuisance.anywhere * LONGEST[nuisance.unit] or np.inf
+            for nuisance in self.kind.nuisances
+            for _ in nuisance.axes
+        ]
         return bool(self.found) or bool(np.all(self.std < unknown))
 
     @property
@@ -116,19 +120,23 @@ class Sensor:
     def movable(self) -> np.ndarray:
         """(k,) places among the K numbers of those that change where a sensor is set up otherwise."""
         fixed = ("point", "scale")
-        names = [one.name for one in self.kind.nuisances for _ in one.axes]
+        names = [nuisance.name for nuisance in self.kind.nuisances for _ in nuisance.axes]
         return np.flatnonzero([name not in fixed for name in names])
 
     @property
     def labels(self) -> tuple[tuple[str, str], ...]:
         """Name and unit of each of the K numbers: 'anchor x'."""
-        return tuple((f"{one.name} {axis}".strip(), one.unit) for one in self.kind.nuisances for axis in one.axes)
+        return tuple(
+            (f"{nuisance.name} {axis}".strip(), nuisance.unit)
+            for nuisance in self.kind.nuisances
+            for axis in nuisance.axes
+        )
 
     def of(self, name: str, sessions: Sequence[str]) -> Array:
         """Return the (N, n) values of a nuisance in rows of N sessions, or other keys, in its unit."""
-        which = [one.name == name for one in self.kind.nuisances for _ in one.axes]
-        known = {session: self._at(session)[which] for session in dict.fromkeys(sessions)}
-        return np.array([known[session] for session in sessions]).reshape(len(sessions), sum(which))
+        which = [nuisance.name == name for nuisance in self.kind.nuisances for _ in nuisance.axes]
+        values = {session: self._at(session)[which] for session in dict.fromkeys(sessions)}
+        return np.array([values[session] for session in sessions]).reshape(len(sessions), sum(which))
 
     def _at(self, session: str) -> Array:
         """Return the (K,) values of all nuisances in a session."""
@@ -140,6 +148,6 @@ class Sensor:
 
     def moved(self, session: str, step: Array) -> Sensor:
         """Return the sensor with (k,) steps of what is free, in its units, added to what was found in a session."""
-        found = self.deviations(session).copy()
-        found[self.free_in(session)] += step
-        return replace(self, found={**self.found, session: found})
+        deviation = self.deviations(session).copy()
+        deviation[self.free_in(session)] += step
+        return replace(self, found={**self.found, session: deviation})

@@ -54,11 +54,11 @@ def sighted(sight: Sighting, focal: Array | None, centre: Array | None, lens: Ar
         focal, centre: (2,) of the lens [px], None where they are not known.
         lens: (5,) its distortion, dimensionless.
     """
-    given = [None if one is None else one.tobytes() for one in (focal, centre, sight.image)]
-    found = _boards(sight.points.tobytes(), sight.corners.tobytes(), lens.tobytes(), *given)
-    if found is None:
+    given = [None if parameter is None else parameter.tobytes() for parameter in (focal, centre, sight.image)]
+    boards = _boards(sight.points.tobytes(), sight.corners.tobytes(), lens.tobytes(), *given)
+    if boards is None:
         return None
-    focal, centre, rows, poses = found
+    focal, centre, rows, poses = boards
     return (focal, centre, *_hand_eye(sight.links[rows], poses))
 
 
@@ -71,7 +71,7 @@ def _boards(
     Arrays are given by their bytes: of the same pictures it is asked once, whatever the arm.
     """
     board, bent = np.frombuffer(points).reshape(-1, 3), np.frombuffer(lens)
-    f, c, size = (None if one is None else np.frombuffer(one) for one in (focal, centre, image))
+    f, c, size = (None if raw is None else np.frombuffer(raw) for raw in (focal, centre, image))
     every = np.frombuffer(corners).reshape(-1, len(board), 2)
     flat = bool(np.ptp(board[:, 2]) < 1e-9)
     seen = np.all(np.isfinite(every), axis=2)
@@ -96,11 +96,11 @@ def _spread(points: Array) -> bool:
 
 def _ideal(bent: Array, lens: Array) -> Array:
     """Return (C, 2) x, y whose distorted ones are given, by Newton's steps."""
-    found = bent.copy()
+    ideal = bent.copy()
     for _ in range(ROUNDS if lens.any() else 0):
-        there, change = distorted(found, np.broadcast_to(lens, (len(found), 5)))
-        found = found + np.linalg.solve(change, (bent - there)[..., None])[..., 0]
-    return found
+        there, change = distorted(ideal, np.broadcast_to(lens, (len(ideal), 5)))
+        ideal = ideal + np.linalg.solve(change, (bent - there)[..., None])[..., 0]
+    return ideal
 
 
 def _homography(points: Array, pictures: Array) -> Array:
@@ -110,12 +110,14 @@ def _homography(points: Array, pictures: Array) -> Array:
         middle = each.mean(axis=0)
         size = np.sqrt(2.0) / max(float(np.linalg.norm(each - middle, axis=1).mean()), 1e-12)
         scales.append(np.array([[size, 0.0, -size * middle[0]], [0.0, size, -size * middle[1]], [0.0, 0.0, 1.0]]))
-    one, other = (np.column_stack([each, np.ones(len(each))]) @ own.T
+    there, other = (np.column_stack([each, np.ones(len(each))]) @ own.T
                   for each, own in zip((points, pictures), scales, strict=True))  # fmt: skip
-    zero = np.zeros_like(one)
-    rows = np.vstack([np.hstack([one, zero, -other[:, :1] * one]), np.hstack([zero, one, -other[:, 1:2] * one])])
-    found = np.linalg.svd(rows)[2][-1].reshape(3, 3)
-    return np.linalg.solve(scales[1], found) @ scales[0]
+    zero = np.zeros_like(there)
+    rows = np.vstack(
+        [np.hstack([there, zero, -other[:, :1] * there]), np.hstack([zero, there, -other[:, 1:2] * there])]
+    )
+    homography = np.linalg.svd(rows)[2][-1].reshape(3, 3)
+    return np.linalg.solve(scales[1], homography) @ scales[0]
 
 
 def _focal(homographies: list[Array]) -> Array | None:
@@ -125,8 +127,8 @@ def _focal(homographies: list[Array]) -> Array | None:
     with w = diag(1/f^2, 1/f^2, 1). A board that faces the camera says nothing.
     """
     rows = []
-    for one in homographies:
-        h1, h2 = (one / np.linalg.norm(one[:, :2])).T[:2]
+    for homography in homographies:
+        h1, h2 = (homography / np.linalg.norm(homography[:, :2])).T[:2]
         rows += [(h1[:2] @ h2[:2], -h1[2] * h2[2]), (h1[:2] @ h1[:2] - h2[:2] @ h2[:2], h2[2] ** 2 - h1[2] ** 2)]
     left, right = np.array(rows).T
     inverse = float(left @ right) / max(float(left @ left), 1e-300)
@@ -150,8 +152,11 @@ def pose_of(points: Array, pictures: Array) -> Array:
         axes, place = np.column_stack([plane[:, :2], np.cross(plane[:, 0], plane[:, 1])]), plane[:, 2]
         place = place - axes[:, 2] * points[0, 2]
     else:
-        own, zero = np.column_stack([points, np.ones(len(points))]), np.zeros((len(points), 4))
-        rows = [np.hstack([own, zero, -pictures[:, :1] * own]), np.hstack([zero, own, -pictures[:, 1:] * own])]
+        augmented, zero = np.column_stack([points, np.ones(len(points))]), np.zeros((len(points), 4))
+        rows = [
+            np.hstack([augmented, zero, -pictures[:, :1] * augmented]),
+            np.hstack([zero, augmented, -pictures[:, 1:] * augmented]),
+        ]
         whole = np.linalg.svd(np.vstack(rows))[2][-1].reshape(3, 4)
         whole *= np.sign(np.linalg.det(whole[:, :3]))
         whole /= np.cbrt(np.linalg.det(whole[:, :3]))
@@ -174,7 +179,7 @@ def pose_of(points: Array, pictures: Array) -> Array:
 
 
 def _cross(vectors: Array) -> Array:
-    return np.array([pin.skew(one) for one in vectors])
+    return np.array([pin.skew(vector) for vector in vectors])
 
 
 def _nearest(turn: Array) -> Array:
@@ -195,7 +200,7 @@ def _hand_eye(links: Array, boards: Array) -> tuple[Array, Array, Array, Array]:
         # vec(Z) = (B' x A) vec(X) for rotations: the largest singular pair of the sum (Shah 2013).
         total = np.einsum("n,nji,nkl->ikjl", weights, boards[:, :3, :3], links[:, :3, :3]).reshape(9, 9)
         left, _, right = np.linalg.svd(total)
-        first, last = (one.reshape(3, 3).T for one in (right[0], left[:, 0]))
+        first, last = (turn.reshape(3, 3).T for turn in (right[0], left[:, 0]))
         sign = np.sign(np.linalg.det(first)) or 1.0
         eye[:3, :3], board[:3, :3] = _nearest(sign * first), _nearest(sign * last)
         rows = np.concatenate([links[:, :3, :3], np.tile(-np.eye(3), (len(links), 1, 1))], axis=2)

@@ -56,10 +56,10 @@ class Sockets:
 
     def declared(self, socket: str) -> Array:
         """Return (3,) numbers of a socket before anything is found: its place [m]; of a plane height and two tilts."""
-        known = np.asarray(self.place.get(socket, np.zeros(3)), dtype=float)
+        place = np.asarray(self.place.get(socket, np.zeros(3)), dtype=float)
         if self.of_shape(socket) != "plane":
-            return known
-        return np.array([known @ self.plane(socket).axes[:, 2], 0.0, 0.0])
+            return place
+        return np.array([place @ self.plane(socket).axes[:, 2], 0.0, 0.0])
 
     def std(self, socket: str) -> Array:
         """Return (3,) prior standard deviations about them; infinite where nobody measured the place."""
@@ -86,7 +86,7 @@ class TouchingSensor(Sensor):
 
     def keys(self, sessions: Sequence[str], touched: Sequence[str]) -> tuple[str, ...]:
         """Return the sockets that were touched, and '' where the touching point is to be found."""
-        every = ("", *dict.fromkeys(one for one in touched if one))
+        every = ("", *dict.fromkeys(socket for socket in touched if socket))
         return tuple(key for key in every if len(self.free_in(key)))
 
     def std_in(self, key: str) -> Array:
@@ -124,13 +124,13 @@ def read_sockets(table: Declaration) -> Sockets:
         if np.linalg.norm(value) < SMALLEST_STD:
             raise table.fail("normal", f"that of {name!r} has no direction")
     pairs: list[tuple[str, str, float]] = []
-    for one in table.raw("distances") if table.has("distances") else ():
-        match one:
+    for pair in table.raw("distances") if table.has("distances") else ():
+        match pair:
             case [str(first), str(second), int() | float() as length] if first != second and 0.0 < length < FURTHEST:
                 pairs.append((first, second, float(length)))
             case _:
-                raise table.fail("distances", f'expected [["one", "other", length in m], ..], got {shown(one)}')
-    surfaces = [end for one, other, _ in pairs for end in (one, other) if of_shape.get(end, "point") == "plane"]
+                raise table.fail("distances", f'expected [["one", "other", length in m], ..], got {shown(pair)}')
+    surfaces = [end for first, other, _ in pairs for end in (first, other) if of_shape.get(end, "point") == "plane"]
     if surfaces:
         raise table.fail("distances", f"{surfaces[0]!r} is a plane: a distance is between points")
     sizes = [table.std(key, default) for key, default in (("place_std", 1e-3), ("distance_sigma", 1e-4))]
@@ -168,10 +168,10 @@ class Touch(Kind):
         return {"link": link_in(table, "link", robot) if sockets.own_point else robot.tip, "sockets": sockets}
 
     @classmethod
-    def stated(cls, one: Nuisance, table: Declaration, robot: Robot) -> tuple[Array, float]:
+    def stated(cls, nuisance: Nuisance, table: Declaration, robot: Robot) -> tuple[Array, float]:
         """Return what is declared of a point of its own; places are those of sockets."""
-        own = one is POINT and table.has("link")
-        return super().stated(one, table, robot) if own else (np.zeros(len(one.axes)), 0.0)
+        declared = nuisance is POINT and table.has("link")
+        return super().stated(nuisance, table, robot) if declared else (np.zeros(len(nuisance.axes)), 0.0)
 
     @classmethod
     def columns(cls, name: str) -> tuple[str, ...]:
@@ -193,23 +193,23 @@ class Touch(Kind):
     def _gap(self, at: Postures) -> tuple[Array, Array, Array]:
         """Return (N, 3) gaps [m], and (N, 3, 3) how they change with the point and with the socket's numbers."""
         sensor = at.sensors[self.name]
-        known, count = sockets_of(sensor), len(self.sockets)
+        sockets, count = sockets_of(sensor), len(self.sockets)
         place = sensor.of("place", self.sockets)
         points = self.touching(at).place
         gap = points - place
         by_point, by_place = np.tile(np.eye(3), (count, 1, 1)), np.tile(-np.eye(3), (count, 1, 1))
-        for socket in {one for one in self.sockets if known.of_shape(one) != "point"}:
-            rows = np.array([one == socket for one in self.sockets])
+        for socket in {name for name in self.sockets if sockets.of_shape(name) != "point"}:
+            rows = np.array([touched == socket for touched in self.sockets])
             by_point[rows], by_place[rows] = 0.0, 0.0
-            if known.of_shape(socket) == "sphere":
+            if sockets.of_shape(socket) == "sphere":
                 away = points[rows] - place[rows]
                 length = np.maximum(np.linalg.norm(away, axis=1), 1e-12)
-                gap[rows] = np.outer(length - known.radius[socket], [1.0, 0.0, 0.0])
+                gap[rows] = np.outer(length - sockets.radius[socket], [1.0, 0.0, 0.0])
                 by_point[rows, 0] = away / length[:, None]
                 by_place[rows, 0] = -by_point[rows, 0]
                 continue
             height, *tilts = place[rows][0]
-            normal, turned = known.plane(socket).tilted(np.array(tilts))
+            normal, turned = sockets.plane(socket).tilted(np.array(tilts))
             gap[rows] = np.outer(points[rows] @ normal - height, [1.0, 0.0, 0.0])
             by_point[rows, 0] = normal
             by_place[rows, 0] = np.column_stack([np.full(rows.sum(), -1.0), points[rows] @ turned])
@@ -225,13 +225,13 @@ class Touch(Kind):
 
     def by_key(self, at: Postures, key: str) -> Array:
         """Return (N, 3, 6): a socket's own rows follow its numbers, '' the point that all share."""
-        found, (_, by_point, by_place), end = np.zeros((len(self.values), 3, 6)), self._gap(at), self.touching(at)
+        change, (_, by_point, by_place), end = np.zeros((len(self.values), 3, 6)), self._gap(at), self.touching(at)
         if key:
-            rows = np.array([one == key for one in self.sockets], dtype=bool)
-            found[rows, :, :3] = by_place[rows]
+            rows = np.array([socket == key for socket in self.sockets], dtype=bool)
+            change[rows, :, :3] = by_place[rows]
         elif end.link is not None:
-            found[:, :, 3:] = end.by_shift(by_point)
-        return found
+            change[:, :, 3:] = end.by_shift(by_point)
+        return change
 
     def by_own(self, at: Postures) -> Array:
         """Return zero (N, 3, 6): sockets are apart from each other; see `by_key`."""
@@ -239,21 +239,21 @@ class Touch(Kind):
 
     def begun(self, at: Postures, key: str) -> Array | None:
         """Return (6,) where a fit of a socket may begin: the middle of its points, or the plane through them."""
-        sensor, found = at.sensors[self.name], np.zeros(6)
-        known = sockets_of(sensor)
-        rows = np.array([one == key for one in self.sockets], dtype=bool) & np.isfinite(self.sigma[:, 0])
-        if not key or key in known.place or not rows.any():
-            return found
+        sensor, guess = at.sensors[self.name], np.zeros(6)
+        sockets = sockets_of(sensor)
+        rows = np.array([socket == key for socket in self.sockets], dtype=bool) & np.isfinite(self.sigma[:, 0])
+        if not key or key in sockets.place or not rows.any():
+            return guess
         points = self.touching(at).place[rows]
-        found[:3] = points.mean(axis=0)
-        if known.of_shape(key) == "plane":
-            plane, tilts = known.plane(key), np.zeros(2)
+        guess[:3] = points.mean(axis=0)
+        if sockets.of_shape(key) == "plane":
+            plane, tilts = sockets.plane(key), np.zeros(2)
             axes = plane.axes
             normal = np.linalg.svd(points - points.mean(axis=0))[2][-1]
             if len(points) >= FEWEST and abs(normal @ axes[:, 2]) > 0.5:
                 tilts = (normal @ axes[:, :2]) / (normal @ axes[:, 2])
-            found[:3] = [found[:3] @ plane.tilted(tilts)[0], *tilts]
-        return found
+            guess[:3] = [guess[:3] @ plane.tilted(tilts)[0], *tilts]
+        return guess
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,11 +286,11 @@ class SocketDistance(Kind):
 
     def by_key(self, at: Postures, key: str) -> Array:
         """Return (N, 1, 6): the way between them follows its two ends."""
-        away, found = self._away(at), np.zeros((len(self.values), 1, 6))
+        away, change = self._away(at), np.zeros((len(self.values), 1, 6))
         if key in self.between:
             sign = 1.0 if key == self.between[1] else -1.0
-            found[:, 0, :3] = sign * away / max(float(np.linalg.norm(away)), 1e-12)
-        return found
+            change[:, 0, :3] = sign * away / max(float(np.linalg.norm(away)), 1e-12)
+        return change
 
     def by_own(self, at: Postures) -> Array:
         """Return zero (N, 1, 6), as `Touch.by_own`."""
@@ -300,7 +300,7 @@ class SocketDistance(Kind):
         return None
 
 
-def touched(name: str, sockets: Sequence[str], sigma: Array, known: Sockets) -> tuple[Kind, ...]:
+def touched(name: str, sockets: Sequence[str], sigma: Array, stated: Sockets) -> tuple[Kind, ...]:
     """Return the readings of a touching instrument: its touches, and each distance that is known of its sockets.
 
     A distance stands in several rows with a standard deviation that makes them together worth one reading.
@@ -309,21 +309,21 @@ def touched(name: str, sockets: Sequence[str], sigma: Array, known: Sockets) -> 
         name: Of the instrument.
         sockets: (N,) what was touched, '' where nothing was.
         sigma: (N, 1) one standard deviation of how well the point sat [m].
-        known: Of the sockets.
+        stated: Of the sockets.
     """
-    read = np.array([bool(one) for one in sockets], dtype=bool)
+    read = np.array([bool(socket) for socket in sockets], dtype=bool)
     each = np.where(read[:, None], np.broadcast_to(sigma, (len(sockets), 3)), np.inf)
     for row, socket in enumerate(sockets):
-        if socket and known.of_shape(socket) != "point":
+        if socket and stated.of_shape(socket) != "point":
             each[row, 1:] = np.inf
-    found: list[Kind] = [Touch(np.zeros((len(sockets), 3)), each, name, tuple(sockets))]
-    for one, other, length in known.distances:
-        ends = np.flatnonzero([socket in (one, other) for socket in sockets])
-        if {one, other} <= set(sockets):
+    kinds: list[Kind] = [Touch(np.zeros((len(sockets), 3)), each, name, tuple(sockets))]
+    for first, other, length in stated.distances:
+        ends = np.flatnonzero([socket in (first, other) for socket in sockets])
+        if {first, other} <= set(sockets):
             count = min(max(len(ends) // CARRIED, FEWEST), len(ends))
             rows = ends[np.linspace(0, len(ends) - 1, count).astype(int)]
             stds = np.full((len(sockets), 1), np.inf)
-            stds[rows] = known.distance_sigma * np.sqrt(count)
+            stds[rows] = stated.distance_sigma * np.sqrt(count)
             values = np.where(np.isfinite(stds), length, 0.0)
-            found.append(SocketDistance(values, stds, name, (one, other)))
-    return tuple(found)
+            kinds.append(SocketDistance(values, stds, name, (first, other)))
+    return tuple(kinds)

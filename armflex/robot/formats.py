@@ -47,7 +47,7 @@ def is_xacro(path: Path, root: etree._Element) -> bool:
     if not any(XACRO.fullmatch(uri) for uri in root.nsmap.values()):
         return False
     values = (str(value) for element in root.iter("*") for value in element.attrib.values())
-    return any(_is(one) for one in root.iter("*")) or any("${" in value or "$(" in value for value in values)
+    return any(_is(element) for element in root.iter("*")) or any("${" in value or "$(" in value for value in values)
 
 
 def _is(element: etree._Element, tag: str = "") -> bool:
@@ -71,7 +71,7 @@ def read_other(
         UrdfError: As `read_urdf`; the library that a format needs is not installed, or refuses the file; it is SDF.
     """
     if is_xacro(path, root):
-        named = [name for one in root.iter("*") if _is(one, "arg") and (name := one.get("name"))]
+        named = [name for element in root.iter("*") if _is(element, "arg") and (name := element.get("name"))]
         left = [name for name in named if name not in (arguments or {})]
         hint = f"; it was expanded with its own values of {listing(left)}, which [robot] xacro_arguments gives others"
         return read_urdf(path, strict, parse_xml(path, _expanded(path, arguments or {})), True, hint if left else "")
@@ -113,7 +113,11 @@ def _read_mjcf(path: Path, root: etree._Element, declares: bool) -> Urdf:
         raise UrdfError(Place(path), "is MJCF, which MuJoCo itself reads: pip install mujoco") from None
     _check_named(path, root)
     model, flags = _compiled(mujoco, path)
-    lines = {(str(one.tag), one.get("name")): one.sourceline or 0 for one in root.iter() if isinstance(one.tag, str)}
+    lines = {
+        (str(element.tag), element.get("name")): element.sourceline or 0
+        for element in root.iter()
+        if isinstance(element.tag, str)
+    }
     tree, kinds = Tree(path), mujoco.mjtJoint
     named = {int(kinds.mjJNT_HINGE): "revolute", int(kinds.mjJNT_SLIDE): "prismatic", int(kinds.mjJNT_BALL): "ball"}
     bodies = [model.body(i).name or f"body{i}" for i in range(model.nbody)]
@@ -133,8 +137,8 @@ def _read_mjcf(path: Path, root: etree._Element, declares: bool) -> Urdf:
     efforts = np.where(model.jnt_actfrclimited, np.abs(model.jnt_actfrcrange).max(axis=1, initial=0.0), np.inf)
     for i in range(model.nu):
         if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT and model.actuator_forcelimited[i]:
-            own, gear = model.actuator_trnid[i, 0], abs(float(model.actuator_gear[i, 0]))
-            efforts[own] = min(efforts[own], gear * float(np.abs(model.actuator_forcerange[i]).max()) or np.inf)
+            joint, gear = model.actuator_trnid[i, 0], abs(float(model.actuator_gear[i, 0]))
+            efforts[joint] = min(efforts[joint], gear * float(np.abs(model.actuator_forcerange[i]).max()) or np.inf)
     tree.link("world" if bodies[0] == "body0" else bodies[0], None)
     for i in range(1, model.nbody):
         line = lines.get(("body", bodies[i]), 0)
@@ -150,11 +154,11 @@ def _read_mjcf(path: Path, root: etree._Element, declares: bool) -> Urdf:
             bodies[model.body_parentid[i]],
             pin.SE3(rotation_of(model.body_quat[i]), model.body_pos[i].copy()),
         )
-        own = range(model.body_jntadr[i], model.body_jntadr[i] + model.body_jntnum[i])
-        if not own:
+        hung = range(model.body_jntadr[i], model.body_jntadr[i] + model.body_jntnum[i])
+        if not hung:
             tree.joint(f"{bodies[i]}_fixed", "fixed", (parent, bodies[i]), here, pin.SE3.Identity(), np.eye(3)[0],
                        line=line)  # fmt: skip
-        for j in own:
+        for j in hung:
             kind, axis = (
                 named.get(int(model.jnt_type[j]), "floating"),
                 model.jnt_axis[j] / np.linalg.norm(model.jnt_axis[j]),
@@ -172,7 +176,7 @@ def _read_mjcf(path: Path, root: etree._Element, declares: bool) -> Urdf:
                 kind = "continuous"
             ref = 0.0 if problem else -float(model.qpos0[model.jnt_qposadr[j]])
             back = pin.SE3(np.eye(3), ref * axis) if kind == "prismatic" else pin.SE3(pin.exp3(ref * axis), np.zeros(3))
-            last = j == own[-1]
+            last = j == hung[-1]
             child = bodies[i] if last else f"{bodies[i]}/{joints[j]}"
             if not last:
                 tree.link(child, None, line, between=True)
@@ -204,7 +208,12 @@ def _check_named(path: Path, root: etree._Element) -> None:
     """Raise where a file that an MJCF names is there and none: MuJoCo would wait for a named pipe."""
     folders = {
         "",
-        *(str(value) for one in root.iter("compiler") for key, value in one.items() if str(key).endswith("dir")),
+        *(
+            str(value)
+            for compiler in root.iter("compiler")
+            for key, value in compiler.items()
+            if str(key).endswith("dir")
+        ),
     }
     for element in root.iter("*"):
         for place in (path.parent / folder / (element.get("file") or "") for folder in folders if element.get("file")):
@@ -242,8 +251,8 @@ def _with_meshes_or_without(mujoco: Any, path: Path) -> tuple[Any, list[Flag]]:
             meshed = [geom for geom in spec.geoms if geom.type == mujoco.mjtGeom.mjGEOM_MESH]
             if not meshed or not all(geom.parent.explicitinertial or geom.mass == 0.0 for geom in meshed):
                 raise
-            for one in (*meshed, *spec.meshes):
-                spec.delete(one)
+            for mesh in (*meshed, *spec.meshes):
+                spec.delete(mesh)
             text = f"{path}: its meshes are left out, as no mass follows from them ({' '.join(str(error).split())})"
             return spec.compile(), [Flag("visual", text)]
     except ValueError as error:
@@ -257,7 +266,7 @@ def _joined(mujoco: Any, model: Any, bodies: list[str]) -> dict[int, dict[str, A
 
     A weld is one where its links are as it wants them in the reference configuration.
     """
-    data, found = mujoco.MjData(model), {}
+    data, loops = mujoco.MjData(model), {}
     mujoco.mj_kinematics(model, data)
     connect, weld = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
     for i in np.flatnonzero(model.eq_active0).tolist():
@@ -273,13 +282,13 @@ def _joined(mujoco: Any, model: Any, bodies: list[str]) -> dict[int, dict[str, A
             sites, ends = ends, [int(model.site_bodyid[end]) for end in ends]
         else:
             sites = ends
-        first, second = (turns[one].reshape(3, 3) for one in sites)
+        first, second = (turns[site].reshape(3, 3) for site in sites)
         if kind == weld and np.abs(first.T @ second - wanted).max() > ALIGNED:
             continue
         name, what = model.equality(i).name or f"equality{i}", "spherical" if kind == connect else "fixed"
         table = {"name": name, "link": bodies[ends[0]], "at": points[0].tolist(), "kind": what}
-        found[i] = {**table, "to": bodies[ends[1]], "at_to": points[1].tolist()}
-    return found
+        loops[i] = {**table, "to": bodies[ends[1]], "at_to": points[1].tolist()}
+    return loops
 
 
 def _followers(mujoco: Any, model: Any, joints: list[str]) -> dict[int, tuple[str, float, float]]:
@@ -287,13 +296,13 @@ def _followers(mujoco: Any, model: Any, joints: list[str]) -> dict[int, tuple[st
 
     MuJoCo counts both positions in the polynomial from those of the reference configuration.
     """
-    found, ref = {}, model.qpos0[model.jnt_qposadr]
+    followers, ref = {}, model.qpos0[model.jnt_qposadr]
     for i in np.flatnonzero(model.eq_active0 & (model.eq_type == int(mujoco.mjtEq.mjEQ_JOINT))).tolist():
         joint, master, numbers = int(model.eq_obj1id[i]), int(model.eq_obj2id[i]), model.eq_data[i]
         if master >= 0 and not numbers[2:5].any():
             factor = float(numbers[1])
-            found[joint] = joints[master], factor, float(ref[joint] + numbers[0] - factor * ref[master])
-    return found
+            followers[joint] = joints[master], factor, float(ref[joint] + numbers[0] - factor * ref[master])
+    return followers
 
 
 def _declared(
@@ -318,7 +327,7 @@ def _declared(
         if not plain:
             continue
         name = model.tendon(i).name or f"tendon{i}"
-        ends = [(bodies[model.site_bodyid[one]], model.site_pos[one].tolist()) for one in sites]
+        ends = [(bodies[model.site_bodyid[site]], model.site_pos[site].tolist()) for site in sites]
         table = dict(zip(("link", "at", "to", "at_to"), (*ends[0], *ends[1]), strict=True))
         if rate > 0.0 and short == long > 0.0:
             springs[name] = {**table, "rate": rate, "free_length": float(long)}
@@ -335,8 +344,8 @@ def _declared(
     for i in range(model.nu):
         if int(model.actuator_trntype[i]) in driving:
             moved.add(int(model.actuator_trnid[i, 0]))
-    for one in (*joined.values(), *cylinders.values()):
-        around |= _ways(model, bodies.index(one["link"])) ^ _ways(model, bodies.index(one["to"]))
+    for closure in (*joined.values(), *cylinders.values()):
+        around |= _ways(model, bodies.index(closure["link"])) ^ _ways(model, bodies.index(closure["to"]))
     free = [i for i in range(model.njnt) if int(model.jnt_bodyid[i]) in around and i not in {*moved, *followers}]
     passive = {joints[i]: {"passive": True} for i in free} if model.nu else {}
     return {"loop": [*joined.values()], "spring": springs, "cylinder": cylinders, "joint": passive}
@@ -344,18 +353,18 @@ def _declared(
 
 def _ways(model: Any, body: int) -> set[int]:
     """Return a body and all between it and the world."""
-    found = set()
+    joints = set()
     while body:
-        found.add(body)
+        joints.add(body)
         body = int(model.body_parentid[body])
-    return found
+    return joints
 
 
 def _loops(
     mujoco: Any, model: Any, bodies: list[str], joined: dict[int, Any], followers: dict[int, Any]
 ) -> dict[int, str]:
     """Return what is said of the bodies that close a loop with others, by number; not of loops that are declared."""
-    found: dict[int, str] = {}
+    texts: dict[int, str] = {}
     tied, follows = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)), int(mujoco.mjtEq.mjEQ_JOINT)
     for i in np.flatnonzero(model.eq_active0):
         if int(i) in joined:
@@ -366,11 +375,11 @@ def _loops(
                 ends = (int(model.site_bodyid[ends[0]]), int(model.site_bodyid[ends[1]]))
             pair = " to ".join(repr(bodies[end]) for end in ends)
             text = f"an equality ties body {pair}, which closes a loop: that needs an arm.toml, and a weld that is met"
-            found |= dict.fromkeys(_ways(model, ends[0]) ^ _ways(model, ends[1]), text)
+            texts |= dict.fromkeys(_ways(model, ends[0]) ^ _ways(model, ends[1]), text)
         elif int(model.eq_type[i]) == follows and ends[0] not in followers:
             joint, master = ends
             whom = f"{model.joint(master).name!r} by a curve" if master >= 0 else "a constant"
             text = f"an equality makes joint {model.joint(joint).name!r} follow {whom}"
             text += ", which is not supported: in proportion (polycoef = a b 0 0 0) it is"
-            found[int(model.jnt_bodyid[joint])] = text
-    return found
+            texts[int(model.jnt_bodyid[joint])] = text
+    return texts

@@ -98,12 +98,14 @@ class Linkage:
     @cached_property
     def pins(self) -> tuple[str, ...]:
         """Names of the pins of loops and cylinders: that on `link` has the name, that on `to` the name and `:to`."""
-        return tuple(name for one in (*self.loops, *self.cylinders) for name in (one.name, f"{one.name}:to"))
+        return tuple(
+            name for closure in (*self.loops, *self.cylinders) for name in (closure.name, f"{closure.name}:to")
+        )
 
     @cached_property
     def joined(self) -> tuple[str, ...]:
         """Names of loops and cylinders."""
-        return tuple(one.name for one in (*self.loops, *self.cylinders))
+        return tuple(closure.name for closure in (*self.loops, *self.cylinders))
 
     @cached_property
     def closures(self) -> tuple[str, ...]:

@@ -94,8 +94,8 @@ class Robot:
     @cached_property
     def pointlike(self) -> tuple[str, ...]:
         """Names of the links with a mass and no moments of inertia."""
-        known = {name: link.inertial for name, link in self.urdf.links.items() if link.inertial is not None}
-        return tuple(name for name, one in known.items() if one.mass and not one.inertia.any())
+        inertials = {name: link.inertial for name, link in self.urdf.links.items() if link.inertial is not None}
+        return tuple(name for name, inertial in inertials.items() if inertial.mass and not inertial.inertia.any())
 
     @cached_property
     def jointed(self) -> tuple[Joint, ...]:
@@ -140,18 +140,18 @@ class Robot:
 
     def stem(self, joint: str) -> str | None:
         """Return the link of the chain that a joint off the chain hangs on, None where it hangs on none."""
-        on_chain, link = {self.base, *(one.child for one in self.chain)}, self.urdf.joints[joint].parent
-        above = {one.child: one.parent for one in self.urdf.joints.values()}
+        on_chain, link = {self.base, *(joint.child for joint in self.chain)}, self.urdf.joints[joint].parent
+        above = {joint.child: joint.parent for joint in self.urdf.joints.values()}
         while link not in on_chain and link in above:
             link = above[link]
         return link if link in on_chain else None
 
     def side_positions(self, given: Mapping[str, ArrayLike]) -> dict[str, Array]:
         """Return given () or (N,) positions of joints off the chain [rad or m], and of what mimics one of them."""
-        found = {name: np.array(at, dtype=float) for name, at in given.items()}
-        while more := {name: at for name, at in self._followers(found).items() if name not in found}:
-            found |= more
-        return found
+        positions = {name: np.array(at, dtype=float) for name, at in given.items()}
+        while more := {name: at for name, at in self._followers(positions).items() if name not in positions}:
+            positions |= more
+        return positions
 
     def stray(self, given: Mapping[str, ArrayLike]) -> tuple[int, str] | None:
         """Return the first row where a joint is given elsewhere than the given one that it mimics puts it, and a text.
@@ -162,9 +162,9 @@ class Robot:
         at = self.side_positions(given)
         for name, wanted in self._followers(at).items():
             for i in np.flatnonzero(np.abs(at[name] - wanted) > SHOWN)[:1]:
-                own, there = np.ravel(at[name])[i], np.ravel(wanted)[i]
+                actual, there = np.ravel(at[name])[i], np.ravel(wanted)[i]
                 master = self.urdf.joints[name].mimic[0]  # type: ignore[index]
-                text = f"joint {name!r} is at {own:.6g}, but mimics {master!r}, which puts it at {there:.6g}"
+                text = f"joint {name!r} is at {actual:.6g}, but mimics {master!r}, which puts it at {there:.6g}"
                 return int(i), f"{text}: leave it out"
         return None
 
@@ -319,9 +319,9 @@ def load_robot(
         level = turned.T @ np.array(document.gravity)
     down = level if gravity is None else finite_array(gravity, "gravity", (3,))
     scope = scope_of(document, chain)
-    found = check_faults(document, scope)
+    faults = check_faults(document, scope)
     held, mimics = lock_side_joints(document, base, chain, locked or {})
-    flags = [*document.flags, *found, *check_origins(document), *check_masses(document, scope, allow_massless)]
+    flags = [*document.flags, *faults, *check_origins(document), *check_masses(document, scope, allow_massless)]
     size = float(np.linalg.norm(down))
     if not 9.5 < size < 10.1:
         flags.append(Flag("gravity", f"gravity is {size:g} m/s^2, expected about {STANDARD_GRAVITY}"))
@@ -417,21 +417,21 @@ def following_of(urdf: Urdf, chain: Sequence[Joint]) -> dict[str, tuple[str, flo
         UrdfError: One follows no joint that moves with the chain, or itself.
     """
     moving = {joint.name: joint for joint in chain if joint.kind in MOVING}
-    found = {name: joint.mimic for name, joint in moving.items() if joint.mimic}
-    for name, (master, factor, offset) in found.items():
+    mimics = {name: joint.mimic for name, joint in moving.items() if joint.mimic}
+    for name, (master, factor, offset) in mimics.items():
         if master not in urdf.joints:
             missing = UnknownNameError("joint", master, urdf.joints)
             raise UrdfError(moving[name].place, f"joint {name!r}, mimic: {missing}")
         if master not in moving:
             text = f"joint {name!r} of the chain mimics {master!r}, which is not one that moves between base and tip: "
-            own = f"remove that and give a column of its own, q_{name} = {factor:g} q_{master} + {offset:g}"
-            raise UrdfError(moving[name].place, text + own)
+            remedy = f"remove that and give a column of its own, q_{name} = {factor:g} q_{master} + {offset:g}"
+            raise UrdfError(moving[name].place, text + remedy)
         way = [name]
-        while way[-1] in found:
-            way.append(found[way[-1]][0])
+        while way[-1] in mimics:
+            way.append(mimics[way[-1]][0])
             if way[-1] in way[:-1]:
                 raise UrdfError(moving[name].place, f"joint {name!r} mimics itself: {' mimics '.join(way)}")
-    return found
+    return mimics
 
 
 def lock_side_joints(
@@ -595,7 +595,10 @@ def _check_link(urdf: Urdf, link: Link, inertial: Inertial, carried: bool) -> li
     # A length that the link's CoM should not exceed much: its joints, travel, shapes, or 2 % of the robot.
     whole = sum(float(np.linalg.norm(joint.origin)) for joint in urdf.joints.values())
     body = {link.name}  # with what is fixed to it
-    while fixed := {one.child for one in urdf.joints.values() if one.kind == "fixed" and one.parent in body} - body:
+    while (
+        fixed := {joint.child for joint in urdf.joints.values() if joint.kind == "fixed" and joint.parent in body}
+        - body
+    ):
         body |= fixed
     near = [
         float(np.linalg.norm(joint.origin))

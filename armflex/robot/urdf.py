@@ -226,11 +226,11 @@ class Urdf:
 
     def below(self, link: str) -> list[str]:
         """Return a link and all that descend from it, last branches first."""
-        stack, found = [link], []
+        stack, links = [link], []
         while stack:
-            found.append(name := stack.pop())
+            links.append(name := stack.pop())
             stack.extend(joint.child for joint in self.children[name])
-        return found
+        return links
 
 
 def parse_xml(path: Path, text: bytes | None = None) -> etree._Element:
@@ -261,8 +261,8 @@ def parse_xml(path: Path, text: bytes | None = None) -> etree._Element:
         ):  # of a default namespace: Drake's files have one, and other readers look at none
             element.tag = etree.QName(element).localname
         for name, value in element.attrib.items():
-            if found := unprintable(str(value)):
-                raise UrdfError(where, f"<{element.tag} {name}={value!r}> {found[1]}")
+            if bad := unprintable(str(value)):
+                raise UrdfError(where, f"<{element.tag} {name}={value!r}> {bad[1]}")
         stack.extend((child, depth + 1) for child in element if isinstance(child.tag, str))
     return root
 
@@ -287,8 +287,8 @@ def _as_utf8(path: Path, data: bytes) -> bytes:
     if "\0" in letters:
         raise UrdfError(Place(path), "holds NUL characters: binary or UTF-16 without a byte order mark?")
     plain = letters.encode("utf-8", "surrogatepass").removeprefix(codecs.BOM_UTF8)
-    if found := DECLARATION.match(plain):
-        start, end = found.span("declaration")
+    if declaration := DECLARATION.match(plain):
+        start, end = declaration.span("declaration")
         plain = plain[:start] + b"\n" * plain.count(b"\n", start, end) + plain[end:]
     return plain
 
@@ -300,7 +300,7 @@ def _root(path: Path, data: bytes) -> etree._Element:
     try:
         return etree.fromstring(data, parser)
     except etree.XMLSyntaxError as error:
-        if all(one.type_name == "NS_ERR_UNDEFINED_NAMESPACE" for one in parser.error_log):
+        if all(entry.type_name == "NS_ERR_UNDEFINED_NAMESPACE" for entry in parser.error_log):
             return etree.fromstring(data, etree.XMLParser(encoding="utf-8", recover=True, **safe))
         raise UrdfError(Place(path, error.lineno or 0), f"not well-formed XML: {error.msg}") from None
 
@@ -332,8 +332,8 @@ class Reader:
 
     def taken_faults(self) -> tuple[Fault, ...]:
         """Return the faults of the element that was read last."""
-        found, self.faults = tuple(self.faults), []
-        return found
+        faults, self.faults = tuple(self.faults), []
+        return faults
 
     def text(self, element: etree._Element, key: str) -> str:
         """Return a non-empty attribute, or fail saying which is missing."""
@@ -402,10 +402,10 @@ class Reader:
             self.faults.append(Fault(self.fail(child, problem), "carried" if weighs else "chain", "it is passed over"))
 
     def only(self, element: etree._Element, tag: str) -> etree._Element | None:
-        found = element.findall(tag)
-        if len(found) > 1:
-            raise self.fail(found[1], f"<{element.tag}> has more than one <{tag}>")
-        return found[0] if found else None
+        elements = element.findall(tag)
+        if len(elements) > 1:
+            raise self.fail(elements[1], f"<{element.tag}> has more than one <{tag}>")
+        return elements[0] if elements else None
 
     def needed(self, element: etree._Element, tag: str) -> etree._Element:
         found = self.only(element, tag)
@@ -516,7 +516,7 @@ def _materials(reader: Reader, root: etree._Element) -> dict[str, str]:
 
     Nothing is computed from colours, so a garbled one is flagged and left out.
     """
-    found = {}
+    colours = {}
     for element in root.iter("material"):
         color = element.find("color")
         if color is not None and color.get("rgba") and element.get("name"):
@@ -526,8 +526,8 @@ def _materials(reader: Reader, root: etree._Element) -> dict[str, str]:
                 reader.flag(color, "color", error.problem)
                 continue
             red, green, blue = (round(255 * value) for value in np.clip(rgba[:3], 0.0, 1.0))
-            found[element.get("name")] = f"#{red:02x}{green:02x}{blue:02x}"
-    return found
+            colours[element.get("name")] = f"#{red:02x}{green:02x}{blue:02x}"
+    return colours
 
 
 def _visual(reader: Reader, element: etree._Element, materials: dict[str, str]) -> Visual | None:
@@ -560,8 +560,8 @@ def _joint(reader: Reader, element: etree._Element) -> Joint:
         if kind not in JOINT_TYPES:
             raise reader.fail(element, f"joint {name!r}: unknown type {kind!r}{did_you_mean(kind, JOINT_TYPES)}")
         if kind in UNSUPPORTED:
-            known = f"{', '.join(MOVING)}, fixed are"
-            raise reader.fail(element, f"joint {name!r}: type {kind!r} is not supported; {known}")
+            kinds = f"{', '.join(MOVING)}, fixed are"
+            raise reader.fail(element, f"joint {name!r}: type {kind!r} is not supported; {kinds}")
     origin, rotation, axis = np.zeros(3), np.eye(3), np.array([1.0, 0.0, 0.0])
     with reader.fault("carried", "its child link is taken to be where its parent is"):
         origin, rotation = reader.pose(element)

@@ -77,25 +77,25 @@ def main() -> None:
             return checked(tag, required, optional)
 
         xacro.check_attrs = check
-        found = xacro.process_file(name, mappings=given)
-        if unknown := [one for one in sys.argv[2:] if one.split(":=", 1)[0] not in given.asked]:
-            known = ", ".join(sorted(given.asked)) or "none"
-            raise ArgumentError(f"it has no argument {unknown[0].split(':=', 1)[0]!r} (known: {known})")
-        said = re.sub(r"package://([\w-]+)", partial(_file_of, find), found.toxml())
+        document = xacro.process_file(name, mappings=given)
+        if unknown := [argument for argument in sys.argv[2:] if argument.split(":=", 1)[0] not in given.asked]:
+            names = ", ".join(sorted(given.asked)) or "none"
+            raise ArgumentError(f"it has no argument {unknown[0].split(':=', 1)[0]!r} (known: {names})")
+        said = re.sub(r"package://([\w-]+)", partial(_file_of, find), document.toxml())
         if len(said) > MOST_BYTES:
             raise ValueError(f"it becomes {len(said)} bytes, more than the {MOST_BYTES} allowed")
     except Refused as error:
         code, said = REFUSED, str(error)
     except (Exception, SystemExit) as error:  # every fault of the file, of whatever kind
         cause = getattr(error, "exc", None) or error
-        own = isinstance(cause, PackageError | ArgumentError)
-        kind, text = type(cause).__name__, " ".join(str(cause if own else error).split())
-        code, said = FAILED, f"xacro cannot expand it: {'' if own else f'{kind}: '}{text}"
+        ours = isinstance(cause, PackageError | ArgumentError)
+        kind, text = type(cause).__name__, " ".join(str(cause if ours else error).split())
+        code, said = FAILED, f"xacro cannot expand it: {'' if ours else f'{kind}: '}{text}"
         if isinstance(cause, ArgumentError) or "substitution argument" in text:
             said += "; [robot] xacro_arguments = { NAME = VALUE } of an arm.toml gives arguments"
         if isinstance(cause, PackageError):
             said += "; ROS_PACKAGE_PATH lists folders that hold packages, AMENT_PREFIX_PATH those with share/PACKAGE"
-        if own or "substitution argument" in text:
+        if ours or "substitution argument" in text:
             said += f"; or expand it yourself: xacro {name} NAME:=VALUE > robot.urdf"
     out.buffer.write(said.encode("utf-8", "replace"))
     out.flush()
@@ -156,18 +156,18 @@ def _named(folder: Path) -> str:
     """Return the name that a folder's package.xml says, '' where it has none."""
     try:
         with open(folder / "package.xml", encoding="utf-8", errors="replace") as file:
-            found = re.search(r"<name>\s*([^<\s]+)\s*</name>", file.read(1 << 20))
+            name = re.search(r"<name>\s*([^<\s]+)\s*</name>", file.read(1 << 20))
     except OSError:
         return ""
-    return found[1] if found else folder.name
+    return name[1] if name else folder.name
 
 
-def _file_of(find: Callable[[str], str], found: re.Match[str]) -> str:
+def _file_of(find: Callable[[str], str], match: re.Match[str]) -> str:
     """Return where a mesh's package is, as it was written where there is none: meshes are only drawn."""
     try:
-        return Path(find(found[1])).absolute().as_uri().replace("%20", " ")
+        return Path(find(match[1])).absolute().as_uri().replace("%20", " ")
     except PackageError:
-        return found[0]
+        return match[0]
 
 
 def confine(folder: Path, find_package: Callable[[str], str]) -> Callable[[str], str]:
@@ -178,7 +178,7 @@ def confine(folder: Path, find_package: Callable[[str], str]) -> Callable[[str],
     xacro: Any = import_module("xacro")
     substitutions: Any = import_module("xacro.substitution_args")
     roots, looking = [os.path.realpath(folder)], list[str]()
-    own = [os.path.realpath(path) for path in sys.path if path]  # modules that are imported only now
+    imports = [os.path.realpath(path) for path in sys.path if path]  # modules that are imported only now
 
     def find(package: str) -> str:
         if not re.fullmatch(r"[\w-]+", package):
@@ -217,7 +217,7 @@ def confine(folder: Path, find_package: Callable[[str], str]) -> Callable[[str],
     def watch(event: str, given: tuple[Any, ...]) -> None:
         if event == "open" and isinstance(given[0], str | bytes) and not looking:
             path, writes = os.path.realpath(os.fsdecode(given[0])), given[2] & (os.O_WRONLY | os.O_RDWR)
-            if writes or not any(Path(path).is_relative_to(root) for root in (*roots, *own)):
+            if writes or not any(Path(path).is_relative_to(root) for root in (*roots, *imports)):
                 raise Refused(f"opens {os.fsdecode(given[0])}, which is not below its folder or a package it names")
         elif event.startswith(REACHING) and event not in ("os.listdir", "os.scandir"):
             raise Refused(f"asks the system for {event}")

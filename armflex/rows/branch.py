@@ -59,26 +59,26 @@ class Branch(Wrench):
     def change(self, pose: Array) -> Array:
         """Return the (..., 6, 6) change per motion of the link [m, rad]; its angular part alone is not zero."""
         turned = (pose[..., :3, :3] @ self.moment[..., None])[..., 0]
-        found = np.zeros((*turned.shape[:-1], 6, 6))
+        change = np.zeros((*turned.shape[:-1], 6, 6))
         # (w x m) x g, column by column of w
-        found[..., 3:, 3:] = np.cross(np.cross(np.eye(3), turned[..., None, :]), self.gravity).swapaxes(-1, -2)
-        return found
+        change[..., 3:, 3:] = np.cross(np.cross(np.eye(3), turned[..., None, :]), self.gravity).swapaxes(-1, -2)
+        return change
 
     def by_gravity(self, pose: Array) -> Array:
         """Return the (..., 6, 3) change of the wrench per change of gravity in base axes [m/s^2]."""
         turned = (pose[..., :3, :3] @ self.moment[..., None])[..., 0]
-        found = np.zeros((*turned.shape[:-1], 6, 3))
-        found[..., 3:, :] = np.cross(turned[..., None, :], np.eye(3)).swapaxes(-1, -2)
-        return found
+        change = np.zeros((*turned.shape[:-1], 6, 3))
+        change[..., 3:, :] = np.cross(turned[..., None, :], np.eye(3)).swapaxes(-1, -2)
+        return change
 
     def links(self, pose: Array) -> dict[str, Array]:
         """Return the (4, 4) pose of every link of a single branch, whose chain link is at a (4, 4) one."""
-        found = {}
+        poses = {}
         for link, turn, place in _hanging(self.robot, self.frame, self.positions):
             there = np.eye(4)
             there[:3, :3], there[:3, 3] = turn, place
-            found[link] = pose @ there
-        return found
+            poses[link] = pose @ there
+        return poses
 
 
 def branches(robot: Robot, given: Mapping[str, ArrayLike]) -> tuple[Branch, ...]:
@@ -94,7 +94,9 @@ def branches(robot: Robot, given: Mapping[str, ArrayLike]) -> tuple[Branch, ...]
     moved = {name: values if single else np.broadcast_to(values, count) for name, values in at.items()}
     stems = dict.fromkeys(robot.stem(name) for name in moved)
     every = ({name: at for name, at in moved.items() if robot.stem(name) == link} for link in stems)
-    return tuple(_hung(robot, link, own, robot.gravity) for link, own in zip(stems, every, strict=True) if link)
+    return tuple(
+        _hung(robot, link, positions, robot.gravity) for link, positions in zip(stems, every, strict=True) if link
+    )
 
 
 def _hung(robot: Robot, link: str, positions: Mapping[str, Array], gravity: Array) -> Branch:
@@ -125,9 +127,9 @@ def _hanging(robot: Robot, link: str, positions: Mapping[str, Array]) -> Iterato
                 continue
             at = np.asarray(positions.get(joint.name, robot.locked.get(joint.name, 0.0)))
             unique, back = np.unique(at, return_inverse=True)  # it mostly stands
-            motions = [joint.motion(one) for one in unique.tolist()]
-            shift = np.array([one.translation for one in motions])[back].reshape(*at.shape, 3)
-            turned = np.array([one.rotation for one in motions])[back].reshape(*at.shape, 3, 3)
+            motions = [joint.motion(position) for position in unique.tolist()]
+            shift = np.array([motion.translation for motion in motions])[back].reshape(*at.shape, 3)
+            turned = np.array([motion.rotation for motion in motions])[back].reshape(*at.shape, 3, 3)
             there, axes = place + turn @ joint.origin, turn @ joint.rotation
             stack.append((joint.child, axes @ turned, there + (axes @ shift[..., None])[..., 0]))
             yield joint.child, *stack[-1][1:]

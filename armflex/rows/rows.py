@@ -132,19 +132,19 @@ class Rows:
             derived: What was not given, see `Rows.derived`.
         """
         count = len(q)
-        known = {name: np.broadcast_to(np.asarray(values, dtype=float), count) for name, values in given.items()}
-        approach = [known.pop(f"{APPROACH}{joint}", np.zeros(count)) for joint in joint_names]
+        columns = {name: np.broadcast_to(np.asarray(values, dtype=float), count) for name, values in given.items()}
+        approach = [columns.pop(f"{APPROACH}{joint}", np.zeros(count)) for joint in joint_names]
         return Rows(
             joint_names=joint_names,
             pose=tuple(map(str, range(count))) if pose is None else tuple(pose),
             session=(session,) * count,
             payload=tuple(payload),
-            time=known.pop("time", np.arange(count, dtype=float)),
+            time=columns.pop("time", np.arange(count, dtype=float)),
             q=q,
             approach=np.stack(approach, axis=1),
             measured=np.ones(count, dtype=bool),
-            hold=known.pop("hold", None),
-            covariates=known,
+            hold=columns.pop("hold", None),
+            covariates=columns,
             derived=derived,
         )
 
@@ -157,15 +157,15 @@ class Rows:
 
         `column=level` is 1 where a column says so, else 0; see `levels`.
         """
-        known: dict[str, Array] = {} if "time" in self.derived else {"time": self.time}
+        columns: dict[str, Array] = {} if "time" in self.derived else {"time": self.time}
         if self.hold is not None:
-            known["hold"] = self.hold
-        known |= {name: values for name, values in self.covariates.items() if isinstance(values, np.ndarray)}
+            columns["hold"] = self.hold
+        columns |= {name: values for name, values in self.covariates.items() if isinstance(values, np.ndarray)}
         for name, cells in self.covariates.items():
             if isinstance(cells, tuple):
-                known |= level_columns(name, cells, levels(cells))
-        known |= {f"{APPROACH}{joint}": self.approach[:, i] for i, joint in enumerate(self.joint_names)}
-        return known
+                columns |= level_columns(name, cells, levels(cells))
+        columns |= {f"{APPROACH}{joint}": self.approach[:, i] for i, joint in enumerate(self.joint_names)}
+        return columns
 
     def levelled(self: SomeRows) -> SomeRows:
         """Return the rows with the levels of text columns in their place: what some of them know is then as of all."""
@@ -182,7 +182,7 @@ class Rows:
     @cached_property
     def load_number(self) -> np.ndarray:
         """(N,) number of what loads every row: equal where the payload and all known forces are."""
-        parts = [part for one in self.wrenches if one.rows for part in (one.force, one.moment)]
+        parts = [part for wrench in self.wrenches if wrench.rows for part in (wrench.force, wrench.moment)]
         pulled = np.hstack([np.zeros((len(self), 0)), *parts])
         return numbered(zip(self.payload, map(tuple, pulled.tolist()), strict=True))
 
@@ -218,8 +218,8 @@ class Rows:
 
 def levels(cells: Sequence[str]) -> tuple[str, ...]:
     """Return the different entries of a text column; none where they are too many, or numbers with gaps."""
-    found = sorted(set(cells))
-    return () if len(found) > MOST_LEVELS or mostly_numbers(cells) else tuple(found)
+    names = sorted(set(cells))
+    return () if len(names) > MOST_LEVELS or mostly_numbers(cells) else tuple(names)
 
 
 def mostly_numbers(cells: Sequence[str]) -> bool:
@@ -232,9 +232,9 @@ def last_motion(q: Array, before: tuple[Array, Array] | None = None) -> Array:
 
     `before` is the row that goes before them: its (nq,) positions and what is returned of it.
     """
-    start, known = (q[:1], np.zeros((1, q.shape[1]))) if before is None else (part[None] for part in before)
+    start, motion = (q[:1], np.zeros((1, q.shape[1]))) if before is None else (part[None] for part in before)
     step = np.diff(q, axis=0, prepend=start)
-    moved = np.vstack([known, np.where(np.abs(step) > STILL, np.sign(step), 0.0)])
+    moved = np.vstack([motion, np.where(np.abs(step) > STILL, np.sign(step), 0.0)])
     last = np.maximum.accumulate(np.where(moved != 0.0, np.arange(len(moved))[:, None], 0), axis=0)
     return np.take_along_axis(moved, last, axis=0)[1:]
 

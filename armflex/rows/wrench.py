@@ -45,9 +45,9 @@ class Wrench:
         shape = (3,) if rows is None else (rows, 3)
         for name, values in given.items():
             each = np.broadcast_to(values, shape) if rows is not None and values.shape == (3,) else values
-            own = finite_array(each, name, shape).copy()
-            own.setflags(write=False)  # what is known of a load is kept; see `LoadedArm.outside`
-            object.__setattr__(self, name, own)
+            numbers = finite_array(each, name, shape).copy()
+            numbers.setflags(write=False)  # what is known of a load is kept; see `LoadedArm.outside`
+            object.__setattr__(self, name, numbers)
         if self.axes not in ("base", "frame"):
             raise InputError(f"wrench at {self.frame!r}: axes is {self.axes!r}, expected 'base' or 'frame'")
 
@@ -123,18 +123,20 @@ class Wrench:
 
 def wrenches_in(wrenches: Sequence[Wrench], rows: int | slice | np.ndarray) -> tuple[Wrench, ...]:
     """Return wrenches in one of N rows or in some of them, without those that are zero there."""
-    found = (one if one.rows is None else one.some(rows) for one in wrenches)
-    return tuple(one for one in found if any(one.sizes))
+    chosen = (wrench if wrench.rows is None else wrench.some(rows) for wrench in wrenches)
+    return tuple(wrench for wrench in chosen if any(wrench.sizes))
 
 
-def same_objects(some: Sequence[Wrench], others: Sequence[Wrench]) -> bool:
+def same_objects(wrenches: Sequence[Wrench], others: Sequence[Wrench]) -> bool:
     """Return whether all are the very same: what is known of one need not be found again."""
-    return len(some) == len(others) and all(map(is_, some, others))
+    return len(wrenches) == len(others) and all(map(is_, wrenches, others))
 
 
 def check_rows(wrenches: Sequence[Wrench], count: int | None) -> None:
     """Raise `ShapeError` where a wrench is for other rows than the `count` of a batch, None for a single query."""
-    for one in wrenches:
-        if one.rows not in (None, count):
+    for wrench in wrenches:
+        if wrench.rows not in (None, count):
             expected = "(3,)" if count is None else f"(3,) or ({count}, 3)"
-            raise ShapeError(f"wrench at {one.frame!r}: expected force and moment {expected}, got {one.force.shape}")
+            raise ShapeError(
+                f"wrench at {wrench.frame!r}: expected force and moment {expected}, got {wrench.force.shape}"
+            )

@@ -97,11 +97,11 @@ def _per_quantity(name: str, draws: Array, stuck: float) -> Array:
     if draws.ndim != 3 or draws.shape[0] < 2 or draws.shape[1] < FEWEST_DRAWS or draws.shape[2] < 1:
         raise ShapeError(f"draws: expected (chains > 1, n >= {FEWEST_DRAWS}, q > 0), got {draws.shape}")
     still = (draws == draws[:, :1]).all(axis=1).any(axis=0)
-    found = np.full(draws.shape[2], stuck)
+    judged = np.full(draws.shape[2], stuck)
     draws = draws[..., ~still]  # of order one: arviz-stats takes for constant whatever varies by less than 1e-15
     draws = (draws - draws.mean(axis=(0, 1))) / draws.std(axis=(0, 1))
-    found[~still] = getattr(judges(), name)(draws, chain_axis=0, draw_axis=1)
-    return found
+    judged[~still] = getattr(judges(), name)(draws, chain_axis=0, draw_axis=1)
+    return judged
 
 
 def judges() -> Any:

@@ -110,28 +110,28 @@ def adaptive_metropolis(
     def terms(theta: Array) -> Array:
         """Return what the log density is a sum of, with weights that Gibbs steps change: prior and squares."""
         sums = squares(theta)
-        found = np.empty(1 + len(sums))
-        found[0], found[1:] = log_prior(theta) if log_prior else 0.0, sums
-        return found
+        densities = np.empty(1 + len(sums))
+        densities[0], densities[1:] = log_prior(theta) if log_prior else 0.0, sums
+        return densities
 
-    theta, found, factor = start, terms(start), _factor(covariance)
-    if not np.isfinite(found).all():
-        raise NotFiniteError(f"a chain cannot start at {start}, where its log density is {found}")
+    theta, density, factor = start, terms(start), _factor(covariance)
+    if not np.isfinite(density).all():
+        raise NotFiniteError(f"a chain cannot start at {start}, where its log density is {density}")
     draws = rng.standard_normal((steps, size))  # holds the proposals' normals until draws take their place
     log_uniforms = np.log1p(-rng.random(steps))
-    weights = np.ones((steps, found.size))
+    weights = np.ones((steps, density.size))
     running = Running(1, start, np.zeros((size, size)))
     for first in range(0, steps, adaptation.every):
         block = slice(first, first + adaptation.every)
         for row, log_uniform, weight in zip(draws[block], log_uniforms[block], weights[block], strict=True):
-            weight[1:] = rng.standard_gamma(shape + 0.5 * rows, found.size - 1) / (-2.0 * scale - found[1:])
+            weight[1:] = rng.standard_gamma(shape + 0.5 * rows, density.size - 1) / (-2.0 * scale - density[1:])
             candidate = theta + factor @ row
             there = terms(candidate)
-            gain = float(weight @ (there - found))
+            gain = float(weight @ (there - density))
             if not gain < np.inf:  # or NaN
                 raise NotFiniteError(f"log density at {candidate}: expected a number or -inf, got {there}")
             if log_uniform < gain:  # the paper's eq. (14)
-                theta, found = candidate, there
+                theta, density = candidate, there
             row[:] = theta
         running = updated(running, draws[block], adaptation.epsilon)
         if running.count > adaptation.after:

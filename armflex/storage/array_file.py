@@ -180,11 +180,11 @@ def _entry(name: str, entry: dict[str, Any], most: int) -> tuple[str, tuple[int,
 
 def _check_format(content: Any, layout: Layout) -> str:
     """Take the digest out of what is said, and return it, where the format is the layout's."""
-    found = content.get("format") if isinstance(content, dict) else None
-    if found != layout.format:
+    stated = content.get("format") if isinstance(content, dict) else None
+    if stated != layout.format:
         family = layout.format.rpartition("-")[0]
-        if isinstance(found, str) and found.rpartition("-")[0] == family:
-            raise ValueError(f"was made by another version: it has format {found!r}, expected {layout.format!r}")
+        if isinstance(stated, str) and stated.rpartition("-")[0] == family:
+            raise ValueError(f"was made by another version: it has format {stated!r}, expected {layout.format!r}")
         raise ValueError(f"is not {layout.what}: expected format {layout.format!r}")
     digest = content.pop("digest", None)
     if not isinstance(digest, str):

@@ -28,10 +28,10 @@ def digest(value: object) -> str:
     Raises:
         DigestError: An object, or a part of it, is none of these.
     """
-    found = hashlib.sha256()
+    hasher = hashlib.sha256()
     for piece in _pieces(value, ()):
-        found.update(len(piece).to_bytes(8, "little") + piece)
-    return found.hexdigest()[:16]
+        hasher.update(len(piece).to_bytes(8, "little") + piece)
+    return hasher.hexdigest()[:16]
 
 
 def _pieces(value: object, around: tuple[int, ...]) -> Iterator[bytes]:

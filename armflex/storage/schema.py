@@ -46,28 +46,28 @@ class Numbers:
 
 
 def check_shapes(
-    found: Mapping[str, tuple[str, tuple[int, ...]]],
+    arrays: Mapping[str, tuple[str, tuple[int, ...]]],
     declared: Mapping[str, Numbers],
     sizes: Mapping[str, Collection[int]],
 ) -> None:
     """Raise `ValueError` where arrays, given by kind and shape alone, are not those declared.
 
     Args:
-        found: Kind and shape of every array, by name.
+        arrays: Kind and shape of every array, by name.
         declared: What is expected.
         sizes: What named sizes may be; one that is not here may be any.
     """
-    for name in found:
+    for name in arrays:
         if name not in declared:
             hint = did_you_mean(name[:100], declared)
             raise ValueError(f"{shown(name, 60)} is not expected{hint} (expected: {listing(declared)})")
     known: dict[str, int] = {}
     for name, numbers in declared.items():
-        if name not in found:
+        if name not in arrays:
             if numbers.optional:
                 continue
             raise ValueError(f"{name!r} is missing")
-        kind, shape = found[name]
+        kind, shape = arrays[name]
         if kind != numbers.kind or len(shape) != len(numbers.shape):
             raise ValueError(f"{name!r} is {kind} {shape}, expected {numbers.kind} {_shown(numbers.shape, known)}")
         for size, expected in zip(shape, numbers.shape, strict=True):
@@ -151,12 +151,12 @@ def typed(expected: Any, value: Any, where: str, makers: Makers = MappingProxyTy
             )
         return value
     if origin is dict and isinstance(value, dict):
-        return {typed(str, key, where): typed(parts[1], one, f"{where}.{key}", makers) for key, one in value.items()}
+        return {typed(str, key, where): typed(parts[1], part, f"{where}.{key}", makers) for key, part in value.items()}
     if origin in (list, tuple) and isinstance(value, list):
         each = parts if origin is tuple and parts[-1] is not ... else (parts[0],) * len(value)
         if len(each) == len(value):
             pairs = enumerate(zip(each, value, strict=True))
-            return origin(typed(kind, one, f"{where}[{i}]", makers) for i, (kind, one) in pairs)
+            return origin(typed(kind, part, f"{where}[{i}]", makers) for i, (kind, part) in pairs)
     elif expected is Any or (isinstance(expected, type) and expected in _PLAIN and _PLAIN[expected](value)):
         return float(value) if expected is float else value
     name = expected.__name__ if get_origin(expected) is None else str(expected).partition("[")[0]
@@ -208,14 +208,14 @@ def _float(text: str) -> float:
 
 
 def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    table = dict(pairs)
+    if len(table) < len(pairs):
         raise ValueError("a key is there twice")
-    return found
+    return table
 
 
-def _shown(shape: tuple[int | str, ...], known: Mapping[str, int]) -> str:
-    return f"({', '.join(str(known.get(size, size) if isinstance(size, str) else size) for size in shape)})"
+def _shown(shape: tuple[int | str, ...], sizes: Mapping[str, int]) -> str:
+    return f"({', '.join(str(sizes.get(size, size) if isinstance(size, str) else size) for size in shape)})"
 
 
 def _bounds(numbers: Numbers) -> str:

@@ -131,17 +131,17 @@ def calm(
     moves = (np.diff(path.q, axis=0) != 0.0).any(axis=1)  # stretches: all the time the drives move, or stand
     ends = [0, *(np.flatnonzero(moves[1:] != moves[:-1]) + 1).tolist(), len(path) - 1]
     for first, last in pairwise(ends):
-        own = [_Rows(path.time[first : last + 1], np.arange(first, last + 1.0), path.via[first : last + 1])]
+        motion_rows = [_Rows(path.time[first : last + 1], np.arange(first, last + 1.0), path.via[first : last + 1])]
         if (path.q[first + 1 : last + 1] != path.q[first]).any():
-            own, made, met = _calmed(arm, path, own[0], slower)
+            motion_rows, made, met = _calmed(arm, path, motion_rows[0], slower)
             motions += made
             flags |= {flag.text: flag for flag in met}
-        for one in own:
-            rows.append(one.later(shift, 1))
-            before = path.time[int(one.place[-1])] - path.time[int(one.place[0])]
-            shift += float(one.time[-1] - one.time[0] - before)
-    time, place = (np.concatenate([getattr(one, name) for one in rows]) for name in ("time", "place"))
-    whole = _Rows(time, place, tuple(name for one in rows for name in one.via))
+        for piece in motion_rows:
+            rows.append(piece.later(shift, 1))
+            before = path.time[int(piece.place[-1])] - path.time[int(piece.place[0])]
+            shift += float(piece.time[-1] - piece.time[0] - before)
+    time, place = (np.concatenate([getattr(piece, name) for piece in rows]) for name in ("time", "place"))
+    whole = _Rows(time, place, tuple(name for piece in rows for name in piece.via))
     return Calmed(_as_path(given, whole), tuple(motions), tuple(flags.values()))
 
 
@@ -189,43 +189,45 @@ class _Law:
         return np.interp(places, there, at[first])
 
 
-def _calmed(arm: Arm, path: Trajectory, own: _Rows, slower: float) -> tuple[list[_Rows], list[CalmMotion], list[Flag]]:
+def _calmed(
+    arm: Arm, path: Trajectory, whole: _Rows, slower: float
+) -> tuple[list[_Rows], list[CalmMotion], list[Flag]]:
     """Return a motion from rest to rest with the timing that leaves least, what it leaves, and flags.
 
     What a corner leaves no timing along the way cancels: where that is too much the drives stop there, too.
     """
-    rows, motion, modes = _shaped(arm, path, own, slower)
-    way = np.diff(path.q[own.place.astype(int)], axis=0)
+    rows, motion, modes = _shaped(arm, path, whole, slower)
+    way = np.diff(path.q[whole.place.astype(int)], axis=0)
     way /= np.linalg.norm(way, axis=1)[:, None]
     corners = np.flatnonzero((way[1:] * way[:-1]).sum(axis=1) < STRAIGHT) + 1
     if motion.swing_m[2] > ENOUGH * motion.swing_m[0] and len(corners):
-        parts = [own.some(slice(a, b + 1)) for a, b in pairwise([0, *corners.tolist(), len(own.time) - 1])]
-        found = [_shaped(arm, path, part, slower) for part in parts]
-        if sum(one.swing_m[2] for _, one, _ in found) < motion.swing_m[2]:
-            flags = [flag for _, one, modes in found for flag in (*modes.flags, *_left(one))]
-            rows, made = [one for one, _, _ in found], [one for _, one, _ in found]
-            return rows, made, [*flags, *_beyond(arm, path, own, rows)]
-    return [rows], [motion], [*modes.flags, *_left(motion), *_beyond(arm, path, own, [rows])]
+        parts = [whole.some(slice(a, b + 1)) for a, b in pairwise([0, *corners.tolist(), len(whole.time) - 1])]
+        shaped = [_shaped(arm, path, part, slower) for part in parts]
+        if sum(shaped_motion.swing_m[2] for _, shaped_motion, _ in shaped) < motion.swing_m[2]:
+            flags = [flag for _, shaped_motion, modes in shaped for flag in (*modes.flags, *_left(shaped_motion))]
+            rows, made = [part for part, _, _ in shaped], [part for _, part, _ in shaped]
+            return rows, made, [*flags, *_beyond(arm, path, whole, rows)]
+    return [rows], [motion], [*modes.flags, *_left(motion), *_beyond(arm, path, whole, [rows])]
 
 
-def _shaped(arm: Arm, path: Trajectory, own: _Rows, slower: float) -> tuple[_Rows, CalmMotion, Modes]:
+def _shaped(arm: Arm, path: Trajectory, given: _Rows, slower: float) -> tuple[_Rows, CalmMotion, Modes]:
     """Return a motion from rest to rest with the timing that leaves least, what it leaves, and the modes at its end."""
-    q = path.q[own.place.astype(int)]
+    q = path.q[given.place.astype(int)]
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))])
     count = 1 + int(np.ceil(way[-1] / FURTHER))
-    spread = np.interp(np.linspace(0.0, way[-1], count), way, own.place)
-    nodes = _as_path(path, _Rows(np.interp(spread, own.place, own.time), spread, ("",) * count)).prepared(arm)
+    spread = np.interp(np.linspace(0.0, way[-1], count), way, given.place)
+    nodes = _as_path(path, _Rows(np.interp(spread, given.place, given.time), spread, ("",) * count)).prepared(arm)
     if len(nodes) > 1 and nodes.payload[-1] != nodes.payload[-2]:  # of what is picked up there, see `_calmed`
         nodes = replace(nodes, payload=(*nodes.payload[:-1], nodes.payload[-2]))
     asked = cache(partial(modes_at, arm, nodes))
-    base, last = own.time - own.time[0], count - 1
+    base, last = given.time - given.time[0], count - 1
 
     def swing(law: _Law, factor: float = 1.0) -> float:
         """Return the largest shift of the tip [m], all modes together; frequencies are a factor of the model's."""
-        rows = _on_rows(own, law)
+        rows = _on_rows(given, law)
         driven = _as_path(path, replace(rows, time=factor * rows.time))  # what swings faster has more time for as much
         driven = replace(driven, payload=(*driven.payload[:-1], nodes.payload[-1]))
-        node = np.rint(np.interp(rows.place, own.place, way) / way[-1] * last).astype(int).tolist()
+        node = np.rint(np.interp(rows.place, given.place, way) / way[-1] * last).astype(int).tolist()
         only_last = [False] * (len(driven) - 1) + [True]
         ((_, modes, size, speed),) = stops(
             driven, only_last, lambda row, payload, loaded: asked(node[row], payload, node[loaded])
@@ -249,11 +251,14 @@ def _shaped(arm: Arm, path: Trajectory, own: _Rows, slower: float) -> tuple[_Row
             times, sizes = np.add.outer(times, more).ravel(), np.multiply.outer(sizes, others).ravel()
         left, order = slower * whole - float(times.max()), np.argsort(times)
         if chosen and left > 0.0 and whole / left <= fastest:
-            speedup, name = max(1.0, whole / left), ", ".join(f"{kind} {one:.3g} Hz" for kind, one in chosen)
+            speedup, name = (
+                max(1.0, whole / left),
+                ", ".join(f"{kind} {frequency:.3g} Hz" for kind, frequency in chosen),
+            )
             law = _Law(base / speedup, way, times[order], sizes[order])
             tried.append((whole / speedup + float(times.max()), speedup, name, law))
     best = (before, whole, 1.0, "", unshaped)
-    for duration, speedup, name, law in sorted(tried, key=lambda one: one[0]):
+    for duration, speedup, name, law in sorted(tried, key=lambda trial: trial[0]):
         worst = 0.0
         for factor in WRONG:
             worst = max(worst, swing(law, factor)) if worst < best[0] else worst
@@ -262,8 +267,8 @@ def _shaped(arm: Arm, path: Trajectory, own: _Rows, slower: float) -> tuple[_Row
             break
     worst, duration, speedup, name, law = best
     shifts = (before, swing(law), worst)
-    motion = CalmMotion(own.via[-1], name, law.times, law.sizes, (whole, duration), speedup, shifts)
-    return _on_rows(own, law) if name else own, motion, final
+    motion = CalmMotion(given.via[-1], name, law.times, law.sizes, (whole, duration), speedup, shifts)
+    return _on_rows(given, law) if name else given, motion, final
 
 
 @dataclass(frozen=True)
@@ -294,18 +299,18 @@ def _as_path(path: Trajectory, rows: _Rows) -> Trajectory:
     return path if len(path) == 1 else on_the_way(path, rows.time, rows.place, rows.via)
 
 
-def _on_rows(own: _Rows, law: _Law) -> _Rows:
+def _on_rows(given: _Rows, law: _Law) -> _Rows:
     """Return a motion with a row wherever its speed changes, and one for each of its own rows."""
     times, there = law.changes
     every, places = np.concatenate([law.reached(law.way), times]), np.concatenate([law.way, there])
-    names, kept = [*own.via, *[""] * len(times)], [0]
+    names, kept = [*given.via, *[""] * len(times)], [0]
     for i in np.argsort(every, kind="stable")[1:].tolist():
         if every[i] - every[kept[-1]] > LEAST:
             kept.append(i)
         elif names[i]:
             kept[-1] = i
-    place = np.interp(places[kept], law.way, own.place)
-    return _Rows(own.time[0] + every[kept], place, tuple(names[i] for i in kept))
+    place = np.interp(places[kept], law.way, given.place)
+    return _Rows(given.time[0] + every[kept], place, tuple(names[i] for i in kept))
 
 
 def _left(motion: CalmMotion) -> tuple[Flag, ...]:
@@ -320,20 +325,20 @@ def _left(motion: CalmMotion) -> tuple[Flag, ...]:
     return (Flag("not_calmed", text),)
 
 
-def _beyond(arm: Arm, path: Trajectory, own: _Rows, rows: list[_Rows]) -> Iterator[Flag]:
+def _beyond(arm: Arm, path: Trajectory, given: _Rows, rows: list[_Rows]) -> Iterator[Flag]:
     """Yield flags about a motion: beyond a speed limit as before, and a load that swings however it is timed."""
-    speeds = [np.abs(np.diff(_as_path(path, one).q, axis=0)) / np.diff(one.time)[:, None] for one in rows]
+    speeds = [np.abs(np.diff(_as_path(path, piece).q, axis=0)) / np.diff(piece.time)[:, None] for piece in rows]
     shares = np.vstack(speeds).max(axis=0) / np.array([joint.velocity for joint in arm.robot.moving])
-    name, fast = f"the motion to {own.via[-1]}" if own.via[-1] else "a motion", int(np.argmax(shares))
+    name, fast = f"the motion to {given.via[-1]}" if given.via[-1] else "a motion", int(np.argmax(shares))
     if shares[fast] > 1.0 + LEAST:
         text = f"{name} drives {arm.joint_names[fast]} at {shares[fast]:.3g} times its speed limit, as the path has it"
         yield Flag("speed_limit", text)
-    row = int(own.place[-1])
+    row = int(given.place[-1])
     carried, taken = path.payload[max(row - 1, 0)], path.payload[row]
     if carried != taken:
         with naming(path.where(row)):
             asked = path.prepared(arm).asked(row)
-            tips = [arm.deflection(path.q[row], one, **asked).displacement[:3] for one in (carried, taken)]
+            tips = [arm.deflection(path.q[row], payload, **asked).displacement[:3] for payload in (carried, taken)]
         text = f"{name} ends with payload {taken} instead of {carried}: the tip springs by"
         size = float(np.linalg.norm(tips[1] - tips[0]))
         yield Flag("springs", f"{text} {number(1e3 * size, 3)} mm there, however the motion is timed")

@@ -194,19 +194,19 @@ def check(
     certain, count = without_declared_uncertainty(arm), len(trajectory)
 
     def judged(piece: tuple[bool, np.ndarray]) -> tuple[list[Point], _Judge]:
-        (between, some), judge = piece, _Judge(certain, trajectory, tolerance, angle, method)
+        (between, rows), judge = piece, _Judge(certain, trajectory, tolerance, angle, method)
         if between:
-            return _worst_between(judge, some), judge
-        found = judge.at(trajectory.points.some(some), [judge.trajectory.where(i) for i in some.tolist()])
-        return [judge.point(found, i, trajectory.via[row]) for i, row in enumerate(some)], judge
+            return _worst_between(judge, rows), judge
+        samples = judge.at(trajectory.points.some(rows), [judge.trajectory.where(i) for i in rows.tolist()])
+        return [judge.point(samples, i, trajectory.via[row]) for i, row in enumerate(rows)], judge
 
     both = ((False, np.arange(count)), (True, np.arange(count - 1)))
-    pieces = [(between, some) for between, every in both for some in in_pieces(every, TOGETHER)]
+    pieces = [(between, rows) for between, every in both for rows in in_pieces(every, TOGETHER)]
     points: list[Point] = []
     met: dict[str, Flag] = {}
     samples, factor, turns = 0, np.inf, np.zeros(2)
-    for found, judge in in_threads(judged, pieces):
-        points += found
+    for points_found, judge in in_threads(judged, pieces):
+        points += points_found
         met |= {code: flag for code, flag in judge.flags.items() if code not in met}
         samples, factor = samples + judge.samples, min(factor, judge.load_factor)
         turns = np.maximum(turns, judge.turns)
@@ -233,8 +233,8 @@ def _relative(certain: Arm, trajectory: Trajectory, rows: np.ndarray, method: st
     if not len(rows):
         return None
     points = trajectory.points.some(rows[np.unique(np.linspace(0, len(rows) - 1, MOST_RELATIVE).astype(int))])
-    found = certain.deflection(points.q, points.payload, enforce_limits=False, method=method, **points.asked)
-    covariance, _ = flagged_covariance(found, relative=True)
+    deflection = certain.deflection(points.q, points.payload, enforce_limits=False, method=method, **points.asked)
+    covariance, _ = flagged_covariance(deflection, relative=True)
     if covariance is None:
         return None
     return float(np.sqrt(np.trace(covariance[:, :3, :3], axis1=1, axis2=2)).max())
@@ -310,7 +310,9 @@ class _Judge:
         names = {name: float(i) for i, name in enumerate(dict.fromkeys(points.payload))}
         parts = [points.time, points.q, [names[name] for name in points.payload], points.v, points.a, points.target]
         parts += [*points.covariates.values()]
-        parts += [part for one in points.wrenches if one.rows is not None for part in (one.force, one.moment)]
+        parts += [
+            part for wrench in points.wrenches if wrench.rows is not None for part in (wrench.force, wrench.moment)
+        ]
         table = np.column_stack([part for part in parts if part is not None])
         _, first, back = np.unique(table, axis=0, return_index=True, return_inverse=True)
         order = np.argsort(first)  # as they come, so that a flag is about the first of them
@@ -318,9 +320,9 @@ class _Judge:
         asked = points.some(first)
         every, starts = np.arange(len(segments)), np.flatnonzero(np.diff(segments, prepend=-1))
         number = (every - starts[np.searchsorted(starts, every, side="right") - 1])[first]
-        found = self.at(asked, [f"row {i} at {time:g} s" for i, time in zip(number, asked.time, strict=True)])
+        samples = self.at(asked, [f"row {i} at {time:g} s" for i, time in zip(number, asked.time, strict=True)])
         self.samples += len(segments) - len(first)
-        return _Samples(*(part[place] for part in found))
+        return _Samples(*(part[place] for part in samples))
 
     def at(self, points: Points, names: Sequence[str]) -> _Samples:
         """Return the verdicts at some points; errors are raised again with the point's name."""
@@ -328,19 +330,19 @@ class _Judge:
         asked = {**points.asked, "method": self.method}
         reason = np.full(len(points.time), "", dtype=object)
         try:
-            found = self.arm.deflection(points.q, points.payload, **asked)
+            deflection = self.arm.deflection(points.q, points.payload, **asked)
         except ArmflexError:  # one bad row must not hide the others
             reason[:] = [self.trouble(points, i, name) for i, name in enumerate(names)]
-            found = self.arm.deflection(points.q, points.payload, enforce_limits=False, allow_large=True, **asked)
-        self.keep_flags(found, points.time)
-        self.load_factor = min(self.load_factor, float(found.found_factors.min(initial=np.inf)))
-        return self.judge(found, self.covariance(found, points, reason == ""), points, reason)
+            deflection = self.arm.deflection(points.q, points.payload, enforce_limits=False, allow_large=True, **asked)
+        self.keep_flags(deflection, points.time)
+        self.load_factor = min(self.load_factor, float(deflection.found_factors.min(initial=np.inf)))
+        return self.judge(deflection, self.covariance(deflection, points, reason == ""), points, reason)
 
     def trouble(self, points: Points, i: int, name: str) -> str:
         """Return why a point cannot be allowed, '' where it can; raise where it has no answer at all."""
-        known = {key: values[i] for key, values in points.covariates.items()}
+        columns = {key: values[i] for key, values in points.covariates.items()}
         moved = {key: None if values is None else values[i] for key, values in (("v", points.v), ("a", points.a))}
-        asked = {"method": self.method, "covariates": {"time": points.time[i], **known}, **moved}
+        asked = {"method": self.method, "covariates": {"time": points.time[i], **columns}, **moved}
         asked["wrenches"] = wrenches_in(points.wrenches, i)
         with naming(name):
             try:
@@ -350,41 +352,43 @@ class _Judge:
                 return str(error)
         return ""
 
-    def keep_flags(self, found: DeflectionBatch, time: Array) -> None:
+    def keep_flags(self, deflection: DeflectionBatch, time: Array) -> None:
         """Keep the flags that were not met before."""
-        met = [*found.flags_by_row, *((i, flag) for i, flags in found.unseen() for flag in flags)]
-        over = np.flatnonzero((found.drive_shares > 1.0).any(axis=1))[:1]
-        met += [(int(i), flag) for i in over for flag in found.row(int(i)).overload]
+        met = [*deflection.flags_by_row, *((i, flag) for i, flags in deflection.unseen() for flag in flags)]
+        over = np.flatnonzero((deflection.drive_shares > 1.0).any(axis=1))[:1]
+        met += [(int(i), flag) for i in over for flag in deflection.row(int(i)).overload]
         for i, flag in sorted(met, key=lambda pair: pair[0]):
             said = flag if flag in self.arm.flags else Flag(flag.code, f"at {time[i]:g} s: {flag.text}")
             self.flags.setdefault(flag.code, said)
 
-    def covariance(self, found: DeflectionBatch, points: Points, fine: np.ndarray) -> Array | None:
+    def covariance(self, deflection: DeflectionBatch, points: Points, fine: np.ndarray) -> Array | None:
         """Return the (M, 6, 6) covariance of the displacement, None where nobody states one; others fail anyhow."""
-        laws = found.covariance
+        laws = deflection.covariance
         if self.arm.certainty is None or not fine.any():
             return laws
-        some = np.flatnonzero(fine)
-        given = {name: values[some] for name, values in points.asked["covariates"].items()}
-        own = None if laws is None else laws[some]
-        carried, pulled = [points.payload[i] for i in some.tolist()], wrenches_in(points.wrenches, some)
-        fitted, flags = tip_covariance(self.arm, points.q[some], carried, given, own, pulled)
+        stated = np.flatnonzero(fine)
+        given = {name: values[stated] for name, values in points.asked["covariates"].items()}
+        of_laws = None if laws is None else laws[stated]
+        carried, pulled = [points.payload[i] for i in stated.tolist()], wrenches_in(points.wrenches, stated)
+        fitted, flags = tip_covariance(self.arm, points.q[stated], carried, given, of_laws, pulled)
         for flag in (*flags, *((AT_REST,) if points.v is not None or points.a is not None else ())):
             self.flags.setdefault(flag.code, flag)
         if fitted is None:
             return laws
         total = np.full((len(fine), 6, 6), np.nan) if laws is None else laws.copy()
-        total[some] = fitted
+        total[stated] = fitted
         return total
 
-    def judge(self, found: DeflectionBatch, covariance: Array | None, points: Points, reason: np.ndarray) -> _Samples:
+    def judge(
+        self, deflection: DeflectionBatch, covariance: Array | None, points: Points, reason: np.ndarray
+    ) -> _Samples:
         """Return the verdicts on points whose displacements have a (M, 6, 6) covariance."""
-        error, near = found.displacement, points.target is not None
+        error, near = deflection.displacement, points.target is not None
         if points.target is not None:
             rigid = self.arm.loaded(None)
-            error = displaced_from(error, found.rigid_pose, rigid_tips(rigid, points.target))
+            error = displaced_from(error, deflection.rigid_pose, rigid_tips(rigid, points.target))
         sizes = np.stack([np.linalg.norm(error[:, half], axis=1) for half in HALVES], axis=1)
-        bent = np.linalg.norm(found.displacement[:, 3:], axis=1)
+        bent = np.linalg.norm(deflection.displacement[:, 3:], axis=1)
         self.turns = tuple(
             float(np.max(part, initial=most)) for part, most in zip((bent, sizes[:, 1]), self.turns, strict=True)
         )
@@ -404,29 +408,29 @@ class _Judge:
         scores[~possible, 1:] = np.maximum(scores[~possible, 1:], 2.0)
         cause = np.zeros(len(sizes), dtype=int)
         if self.arm.flexure_names:
-            shares = np.stack([found.shares(half) for half in HALVES], axis=1)
+            shares = np.stack([deflection.shares(half) for half in HALVES], axis=1)
             worse = np.argmin(margins / limits, axis=1)
             cause = shares[np.arange(len(shares)), worse].argmax(axis=1)
         badness = (margins / (margins + size)).min(axis=1)
         payload = np.array(points.payload, dtype=object)
         return _Samples(points.time, sizes, sigmas, verdict, cause, scores, badness, payload, reason)
 
-    def point(self, found: _Samples, i: int, name: str = "") -> Point:
+    def point(self, samples: _Samples, i: int, name: str = "") -> Point:
         """Return one of some points by itself."""
-        (shift, turn), sigma = found.sizes[i].tolist(), float(found.sigmas[i, 0])
+        (shift, turn), sigma = samples.sizes[i].tolist(), float(samples.sigmas[i, 0])
         names = self.arm.flexure_names
         return Point(
             name,
-            float(found.time[i]),
+            float(samples.time[i]),
             shift,
             turn,
             None if np.isnan(sigma) else sigma,
             self.tolerance - shift,
             None if self.angle is None else self.angle - turn,
-            VERDICTS[found.verdict[i]],
-            names[found.cause[i]] if names else None,
-            found.payload[i],
-            found.reason[i],
+            VERDICTS[samples.verdict[i]],
+            names[samples.cause[i]] if names else None,
+            samples.payload[i],
+            samples.reason[i],
         )
 
 
@@ -436,27 +440,29 @@ def _worst_between(judge: _Judge, segments: np.ndarray) -> list[Point]:
     far = np.abs(q[segments + 1] - q[segments]).max(axis=1, initial=0.0)
     steps = np.maximum(FEWEST_STEPS, np.ceil(far / LARGEST_STEP).astype(int))
     for count in np.unique(steps):
-        own, here = segments[steps == count], int(count)
+        open_segments, here = segments[steps == count], int(count)
         fractions = np.linspace(0.0, 1.0, here + 1)
-        found = judge.between(np.repeat(own, here + 1), np.tile(fractions, len(own)))
+        samples = judge.between(np.repeat(open_segments, here + 1), np.tile(fractions, len(open_segments)))
         for halving in range(MAX_HALVINGS + 1):
-            scores = found.scores.reshape(len(own), here + 1, 3)
+            scores = samples.scores.reshape(len(open_segments), here + 1, 3)
             left = ~_settled(scores) if halving < MAX_HALVINGS and here <= FEWEST_STEPS << (MAX_HALVINGS - 1) else None
-            done = np.arange(len(own)) if left is None else np.flatnonzero(~left)
+            done = np.arange(len(open_segments)) if left is None else np.flatnonzero(~left)
             for j in done.tolist():
                 rows = slice(j * (here + 1), (j + 1) * (here + 1))
-                i = rows.start + int(np.lexsort((found.badness[rows], found.verdict[rows]))[0])
-                worst[int(own[j])] = judge.point(found, i)
+                i = rows.start + int(np.lexsort((samples.badness[rows], samples.verdict[rows]))[0])
+                worst[int(open_segments[j])] = judge.point(samples, i)
             if left is None or not left.any():
                 break
             kept = np.flatnonzero(np.repeat(left, here + 1))
-            own = own[left]
-            halfway = judge.between(np.repeat(own, here), np.tile((np.arange(here) + 0.5) / here, len(own)))
-            at = np.empty((len(own), 2 * here + 1), dtype=int)  # in turn, as they come along the stretch
-            at[:, 0::2] = kept.reshape(len(own), here + 1)
-            at[:, 1::2] = len(found.time) + np.arange(len(own) * here).reshape(len(own), here)
-            pairs = zip(found, halfway, strict=True)
-            found, here = _Samples(*(np.concatenate(pair)[at.ravel()] for pair in pairs)), 2 * here
+            open_segments = open_segments[left]
+            halfway = judge.between(
+                np.repeat(open_segments, here), np.tile((np.arange(here) + 0.5) / here, len(open_segments))
+            )
+            at = np.empty((len(open_segments), 2 * here + 1), dtype=int)  # in turn, as they come along the stretch
+            at[:, 0::2] = kept.reshape(len(open_segments), here + 1)
+            at[:, 1::2] = len(samples.time) + np.arange(len(open_segments) * here).reshape(len(open_segments), here)
+            pairs = zip(samples, halfway, strict=True)
+            samples, here = _Samples(*(np.concatenate(pair)[at.ravel()] for pair in pairs)), 2 * here
     return [worst[int(segment)] for segment in segments]
 
 

@@ -132,8 +132,8 @@ class Compensation(Result):
     @property
     def relative_sigma_m(self) -> float | None:
         """The largest `relative_sigma_m` of any row [m]."""
-        known = (row.relative_sigma_m for row in self.rows)
-        return max((sigma for sigma in known if sigma is not None), default=None)
+        sigmas = (row.relative_sigma_m for row in self.rows)
+        return max((sigma for sigma in sigmas if sigma is not None), default=None)
 
     @property
     def turns_rad(self) -> tuple[float, float]:
@@ -269,29 +269,29 @@ def _with_sigmas(
     points, certain = moved.prepared(arm).points, without_declared_uncertainty(arm)
     errors, met = np.array([row.after for row in rows]), dict[Flag, None]()
 
-    def uncertain(some: np.ndarray) -> tuple[list[dict[str, float]], tuple[Flag, ...]]:
-        here = points.some(some)
-        found = certain.deflection(here.q, here.payload, enforce_limits=False, **here.asked)
-        covariance, flags = flagged_covariance(found)
+    def uncertain(rows: np.ndarray) -> tuple[list[dict[str, float]], tuple[Flag, ...]]:
+        here = points.some(rows)
+        deflection = certain.deflection(here.q, here.payload, enforce_limits=False, **here.asked)
+        covariance, flags = flagged_covariance(deflection)
         if covariance is None:
-            return [{}] * len(some), flags
-        relative = flagged_covariance(found, relative=True)[0] if arm.certainty else covariance
+            return [{}] * len(rows), flags
+        relative = flagged_covariance(deflection, relative=True)[0] if arm.certainty else covariance
         asked = (("sigma_m", covariance, 0), ("sigma_rad", covariance, 3), ("relative_sigma_m", relative, 0))
         sigmas = {
-            name: length_sigma(errors[some, at : at + 3], known[:, at : at + 3, at : at + 3], short=True).tolist()
-            for name, known, at in asked
-            if known is not None
+            name: length_sigma(errors[rows, at : at + 3], matrix[:, at : at + 3, at : at + 3], short=True).tolist()
+            for name, matrix, at in asked
+            if matrix is not None
         }
         return [dict(zip(sigmas, row, strict=True)) for row in zip(*sigmas.values(), strict=True)], flags
 
-    found: list[CompensatedRow] = []
+    stated: list[CompensatedRow] = []
     for sigmas, flags in in_threads(uncertain, in_pieces(np.arange(len(rows)), TOGETHER)):
         met |= dict.fromkeys(flags)
-        found += [replace(rows[len(found) + i], **known) for i, known in enumerate(sigmas)]
-    if arm.flexure_names and any(row.sigma_m is None for row in found):
+        stated += [replace(rows[len(stated) + i], **sigma_by_name) for i, sigma_by_name in enumerate(sigmas)]
+    if arm.flexure_names and any(row.sigma_m is None for row in stated):
         text = "neither the laws nor a fit of this arm states an uncertainty: what remains is the declared arm's"
         met[Flag("no_uncertainty", text)] = None
-    return tuple(found), tuple(met)
+    return tuple(stated), tuple(met)
 
 
 def _solve_rows(
@@ -317,10 +317,10 @@ def _solve_each(
     """Return every row and the moved trajectory: many rows at once, one by one where that does not settle them."""
     rows: list[CompensatedRow] = []
     pieces = in_pieces(np.arange(len(poses)), TOGETHER)
-    found = in_threads(lambda some: solver.together(some, poses[some[0] : some[-1] + 1]), pieces)
-    for some, known in zip(pieces, found, strict=True):
-        for i in some.tolist():
-            row = known.get(i) or solver.row(i, poses[i], rows[-1].change if rows else np.zeros_like(solver.scale))
+    solved = in_threads(lambda piece: solver.together(piece, poses[piece[0] : piece[-1] + 1]), pieces)
+    for piece, row_of in zip(pieces, solved, strict=True):
+        for i in piece.tolist():
+            row = row_of.get(i) or solver.row(i, poses[i], rows[-1].change if rows else np.zeros_like(solver.scale))
             rows.append(row)
         if progress:
             progress(len(rows), len(poses))
@@ -370,21 +370,21 @@ class _Solver:
         """Return the deflection of row i's load at joint positions q."""
         return self.arm.deflection(q, self.trajectory.payload[i], enforce_limits=False, **self.trajectory.asked(i))
 
-    def together(self, some: np.ndarray, targets: Sequence[pin.SE3]) -> dict[int, CompensatedRow]:
+    def together(self, asked: np.ndarray, targets: Sequence[pin.SE3]) -> dict[int, CompensatedRow]:
         """Solve rows together from no change; return those that are reached by the smallest, by their numbers.
 
         Jumps as `Corrector.jump` makes them, of rows whose joints stay within their boxes and away from singular
         positions: there they have a closed form. All other rows are left to the corrector.
         """
-        t, found = self.trajectory, {}
+        t, solved = self.trajectory, {}
         if t.v is not None or t.a is not None:
-            return found
-        change, before = np.zeros((len(some), len(self.scale))), np.zeros((len(some), 6))
-        open_ones, last = np.arange(len(some)), np.full(len(some), np.inf)
-        size, left_before = self.size, np.full(len(some), np.inf)
+            return solved
+        change, before = np.zeros((len(asked), len(self.scale))), np.zeros((len(asked), 6))
+        open_ones, last = np.arange(len(asked)), np.full(len(asked), np.inf)
+        size, left_before = self.size, np.full(len(asked), np.inf)
         with np.errstate(all="ignore"), contextlib.suppress(*NO_EQUILIBRIUM):
             for jump in range(MAX_JUMPS + 1):
-                rows, here = some[open_ones], change[open_ones]
+                rows, here = asked[open_ones], change[open_ones]
                 error, jacobian = self.linearised(rows, here, [targets[i] for i in open_ones.tolist()])
                 if not jump:
                     before = error
@@ -396,21 +396,21 @@ class _Solver:
                 done = plain & (length < settled) & (left <= TOLERANCE)
                 for k in np.flatnonzero(done):
                     i, j = int(rows[k]), int(open_ones[k])
-                    own = (before[j], error[k], here[k], True, "", float(sigma[k]), True)
-                    found[i] = CompensatedRow(float(t.time[i]), t.via[i], *own)
+                    row_values = (before[j], error[k], here[k], True, "", float(sigma[k]), True)
+                    solved[i] = CompensatedRow(float(t.time[i]), t.via[i], *row_values)
                 going = plain & fair & ~done
                 change[open_ones[going]], last[open_ones], left_before[open_ones] = aim[going], length, left
                 open_ones = open_ones[going]
                 if not len(open_ones):
                     break
-        return found
+        return solved
 
     def linearised(self, rows: np.ndarray, change: Array, targets: Sequence[pin.SE3]) -> tuple[Array, Array]:
         """Return the (M, 6) error of rows after (M, nq) changes, and its matched Jacobian."""
         t, arm = self.trajectory, self.arm
-        known = {"time": t.time[rows], **{name: values[rows] for name, values in t.covariates.items()}}
+        columns = {"time": t.time[rows], **{name: values[rows] for name, values in t.covariates.items()}}
         pulled = wrenches_in(t.wrenches, rows)
-        line = respond(arm, t.q[rows] + change, [t.payload[i] for i in rows.tolist()], known, wrenches=pulled)
+        line = respond(arm, t.q[rows] + change, [t.payload[i] for i in rows.tolist()], columns, wrenches=pulled)
         given = arm.stack.change_with_position(line.flexure_wrenches.reshape(len(rows), -1), line.row)
         jacobian = line.joints + line.laws.reshape(len(rows), 6, -1) @ given
         error = [_error(pin.SE3(pose), target) for pose, target in zip(line.tip, targets, strict=True)]
@@ -448,8 +448,8 @@ class _Solver:
         """Return the best point, whether its change is shown to be the smallest, and what equilibrium was missed."""
 
         def ask(change: Array) -> tuple[Array, Array]:
-            found = self.ask(i, self.trajectory.q[i] + change)
-            return _error(found.pose, target), found.total_jacobian[: self.size]
+            trial = self.ask(i, self.trajectory.q[i] + change)
+            return _error(trial.pose, target), trial.total_jacobian[: self.size]
 
         def find(start: Array) -> tuple[Trial | None, bool, str]:
             corrector = Corrector(ask, *self.box(i), self.scale)
@@ -511,13 +511,13 @@ def _error(pose: pin.SE3, target: pin.SE3) -> Array:
 
 def _gaps(arm: Arm, moved: Trajectory) -> Array:
     """Return the (N - 1,) tip error halfway between rows [m], 0 where the payload changes between them."""
-    gaps, known = np.zeros(len(moved) - 1), moved.prepared(arm)
-    same = [one == other for one, other in pairwise(moved.payload)]
+    gaps, prepared = np.zeros(len(moved) - 1), moved.prepared(arm)
+    same = [payload == other for payload, other in pairwise(moved.payload)]
     rigid = arm.loaded(None)
-    for some in in_pieces(np.flatnonzero(same), TOGETHER):
-        half = np.full(len(some), 0.5)
-        middle = known.between(some, half)
+    for segments in in_pieces(np.flatnonzero(same), TOGETHER):
+        half = np.full(len(segments), 0.5)
+        middle = prepared.between(segments, half)
         target = rigid_tips(rigid, middle.meant)
-        found = arm.deflection(middle.q, middle.payload, **middle.asked)
-        gaps[some] = np.linalg.norm(found.pose[:, :3, 3] - target[:, :3, 3], axis=1)
+        deflection = arm.deflection(middle.q, middle.payload, **middle.asked)
+        gaps[segments] = np.linalg.norm(deflection.pose[:, :3, 3] - target[:, :3, 3], axis=1)
     return gaps

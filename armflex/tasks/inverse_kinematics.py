@@ -94,12 +94,12 @@ class Corrector:
         change = np.clip(change, self.low, self.high)
         self.calls += 1
         try:
-            found = Trial(change, *self.ask(change))
+            trial = Trial(change, *self.ask(change))
         except NO_EQUILIBRIUM as error:
             self.trouble = f"equilibrium: {error}"
             return None
         self.trouble = ""
-        return found
+        return trial
 
     def jump(self, point: Trial) -> tuple[Trial, bool]:
         """Jump from linearised solution to linearised solution while errors or jumps keep shrinking."""
@@ -113,7 +113,7 @@ class Corrector:
             if landed is None or (landed.left > max(0.5 * point.left, AIMED_AT) and length > 0.5 * last):
                 break
             point, last = landed, length
-            best = min(best, point, key=lambda one: one.left)
+            best = min(best, point, key=lambda trial: trial.left)
         return best, False
 
     def restore(self, point: Trial, most: int) -> Trial:
@@ -134,9 +134,9 @@ class Corrector:
         """Return the first of ever shorter steps that lowers the error."""
         size, share = np.linalg.norm(point.matched), 1.0
         while share > 1e-3 and self.calls < MAX_CALLS:
-            found = self.at(point.change + share * step)
-            if found is not None and np.linalg.norm(found.matched) < (1.0 - 1e-4 * share) * size:
-                return found
+            trial = self.at(point.change + share * step)
+            if trial is not None and np.linalg.norm(trial.matched) < (1.0 - 1e-4 * share) * size:
+                return trial
             share *= 0.5
         return None
 
@@ -148,11 +148,11 @@ class Corrector:
             if np.abs(move).max() < PROVEN:
                 return point, True
             landed = self.at(point.change + share * move)
-            found = None if landed is None else self.restore(landed, 8)
+            trial = None if landed is None else self.restore(landed, 8)
             # The aim is the point nearest to no change at all, so along the move the cost falls by its square at least.
             enough = self.cost(point) - 0.1 * share * self.size(move)
-            if found is not None and found.left <= AIMED_AT and self.cost(found) < enough:
-                point, share = found, min(1.0, 2.0 * share)
+            if trial is not None and trial.left <= AIMED_AT and self.cost(trial) < enough:
+                point, share = trial, min(1.0, 2.0 * share)
             else:
                 share *= 0.5
         return point, False

@@ -161,9 +161,9 @@ class PosePerformance(Result):
         drift = {"dap_m": "accuracy", "drp_m": "repeatability", "shift_m": "shift"}
         return {
             "standard": "ISO 9283:1998",
-            "poses": [record(one, f"{named} direction cycles excluded rows", **accuracy) for one in self.poses],
-            "directions": [record(one, f"{named} number", vap_m="accuracy") for one in self.directions],
-            "drifts": [record(one, f"{named} number", **drift) for one in self.drifts],
+            "poses": [record(pose, f"{named} direction cycles excluded rows", **accuracy) for pose in self.poses],
+            "directions": [record(direction, f"{named} number", vap_m="accuracy") for direction in self.directions],
+            "drifts": [record(variation, f"{named} number", **drift) for variation in self.drifts],
             **record(self, "remarks", excluded_rows="excluded"),
         }
 
@@ -172,11 +172,11 @@ class PosePerformance(Result):
         """A row for each of `poses`: its cycles, AP_P and RP_l with their standard uncertainties [m]."""
         return [
             {
-                **{name: getattr(one, name) for name in ("pose", "payload", "session", "cycles", "excluded")},
-                **{"AP": one.accuracy and one.accuracy.value, "AP_std": one.accuracy and one.accuracy.std},
-                **{"RP": one.repeatability.value, "RP_std": one.repeatability.std},
+                **{name: getattr(pose, name) for name in ("pose", "payload", "session", "cycles", "excluded")},
+                **{"AP": pose.accuracy and pose.accuracy.value, "AP_std": pose.accuracy and pose.accuracy.std},
+                **{"RP": pose.repeatability.value, "RP_std": pose.repeatability.std},
             }
-            for one in self.poses
+            for pose in self.poses
         ]
 
 
@@ -259,7 +259,7 @@ def iso9283(arm: Arm, measurements: Measurements | Tabular, block: float | None 
     keys = zip(same_positions(measurements.q, REPEATED)[rows].tolist(), (measurements.payload[i] for i in rows),
                (measurements.session[i] for i in rows), strict=True)  # fmt: skip
     labels = numbered(keys)
-    sets = [own for own in (rows[labels == i] for i in range(labels.max(initial=-1) + 1)) if len(own) > 1]
+    sets = [alike for alike in (rows[labels == i] for i in range(labels.max(initial=-1) + 1)) if len(alike) > 1]
     if not sets:
         raise InputError("no pose was measured twice under one payload in one session: ISO 9283 needs repeats")
     used = np.concatenate(sets)
@@ -288,14 +288,14 @@ def iso9283(arm: Arm, measurements: Measurements | Tabular, block: float | None 
         model = np.einsum("nij,ni->nj", axes, left)
     number = {int(row): i for i, row in enumerate(used)}
 
-    def attained_pose(own: np.ndarray, direction: tuple[int, ...] | None) -> AttainedPose:
-        at = np.array([number[int(row)] for row in own])
-        target, points, first = commanded[at[0]], attained[at], int(own[0])
+    def attained_pose(at_pose: np.ndarray, direction: tuple[int, ...] | None) -> AttainedPose:
+        at = np.array([number[int(row)] for row in at_pose])
+        target, points, first = commanded[at[0]], attained[at], int(at_pose[0])
         angles = None if turned is None or np.isnan(turned[at]).any() else turned[at]
         offset, accuracy = points.mean(axis=0) - target, None if placed else pose_accuracy(target, points, sigma[at])
         if accuracy is not None and accuracy.value > 0.0:
             along = np.einsum("nij,j->ni", axes[at], offset / accuracy.value) / (1.0 + instrument.scale)
-            placing = float(np.sqrt(placing_variance(arm, measurements, own, along)))
+            placing = float(np.sqrt(placing_variance(arm, measurements, at_pose, along)))
             std = None if accuracy.std is None else float(np.hypot(accuracy.std, placing))
             accuracy = replace(accuracy, std=std, placing=placing) if np.isfinite(placing) else None
         return AttainedPose(
@@ -303,7 +303,7 @@ def iso9283(arm: Arm, measurements: Measurements | Tabular, block: float | None 
             measurements.payload[first],
             measurements.session[first],
             direction,
-            own,
+            at_pose,
             target,
             points,
             None if accuracy is None else offset,
@@ -318,43 +318,43 @@ def iso9283(arm: Arm, measurements: Measurements | Tabular, block: float | None 
     poses: list[AttainedPose] = []
     directions: list[Variation] = []
     drifts: list[Variation] = []
-    for own in sets:
+    for at_pose in sets:
         sides: dict[tuple[int, ...], list[int]] = {}
-        for row in own.tolist():
+        for row in at_pose.tolist():
             sides.setdefault(tuple(measurements.approach[row].astype(int).tolist()), []).append(row)
-        several = [attained_pose(np.array(some), side) for side, some in sides.items() if len(some) > 1]
-        apart = [row for some in sides.values() if several and len(some) == 1 for row in some]
+        several = [attained_pose(np.array(from_side), side) for side, from_side in sides.items() if len(from_side) > 1]
+        apart = [row for from_side in sides.values() if several and len(from_side) == 1 for row in from_side]
         excluded += apart
-        several = [replace(one, excluded=len(apart)) for one in several]
-        poses += several or [attained_pose(own, None)]
+        several = [replace(pose, excluded=len(apart)) for pose in several]
+        poses += several or [attained_pose(at_pose, None)]
         if len(several) > 1:
-            pairs = combinations([one.attained.mean(axis=0) for one in several], 2)
-            most = max(float(np.linalg.norm(one - other)) for one, other in pairs)
+            pairs = combinations([pose.attained.mean(axis=0) for pose in several], 2)
+            most = max(float(np.linalg.norm(mean - other)) for mean, other in pairs)
             name = (several[0].pose, several[0].payload, several[0].session)
             directions.append(Variation(*name, "directions", len(several), most, None, most))
         if block is not None:
-            drifts += [drift for one in several for drift in _drift(one, measurements.time[one.rows], block)]
+            drifts += [drift for pose in several for drift in _drift(pose, measurements.time[pose.rows], block)]
     remarks = tuple(_remarks(measurements, poses, directions, drifts, block, placed, excluded))
     return PosePerformance(
         arm, measurements, tuple(poses), tuple(directions), tuple(drifts), remarks, tuple(sorted(excluded))
     )
 
 
-def _drift(one: AttainedPose, time: Array, block: float) -> Iterator[Variation]:
+def _drift(pose: AttainedPose, time: Array, block: float) -> Iterator[Variation]:
     """Yield dAP and dRP of a pose attained at (n,) times [s], nothing where its cycles are one block."""
     blocks: list[list[int]] = []
     for i in np.argsort(time, kind="stable").tolist():
         if not blocks or time[i] - time[blocks[-1][0]] >= block:
             blocks.append([])
         blocks[-1].append(i)
-    clouds = [one.attained[own] for own in blocks if len(own) > 1]
+    clouds = [pose.attained[in_block] for in_block in blocks if len(in_block) > 1]
     if len(clouds) > 1:
         middle = np.array([cloud.mean(axis=0) for cloud in clouds])
-        accuracy = np.linalg.norm(middle - one.commanded, axis=1)
+        accuracy = np.linalg.norm(middle - pose.commanded, axis=1)
         repeatability = np.array([_repeatability(cloud) for cloud in clouds])
         changed, wider = (float(np.abs(values - values[0]).max()) for values in (accuracy, repeatability))
         shift = float(np.linalg.norm(middle - middle[0], axis=1).max())
-        yield Variation(one.pose, one.payload, one.session, "blocks", len(clouds), changed, wider, shift)
+        yield Variation(pose.pose, pose.payload, pose.session, "blocks", len(clouds), changed, wider, shift)
 
 
 def _places(measurements: Measurements, rows: Sequence[int]) -> str:
@@ -377,51 +377,51 @@ def _remarks(
             "The instrument's place is not known, so AP is not stated: a frame fitted to these poses would have part "
             "of it. Measure in the base frame, found by marks on the base."
         )
-    elif any(one.accuracy is None for one in poses):
+    elif any(pose.accuracy is None for pose in poses):
         yield (
             "Neither a campaign nor a prior determines where base and target stand before the instrument: AP is not "
             "stated where it depends on that."
         )
-    elif most := max(one.accuracy.placing or 0.0 for one in poses if one.accuracy is not None):
+    elif most := max(pose.accuracy.placing or 0.0 for pose in poses if pose.accuracy is not None):
         yield (
             f"AP rests on where base and target stand before the instrument, which is up to {1e3 * most:.3g} mm of its "
             "standard uncertainty. A frame that was fitted with the arm is exchangeable with the zero of a vertical "
             "first joint and with all that shifts the whole arm: marks on the base and a measured target determine it."
         )
-    cycles, places = [one.cycles for one in poses], {one.pose for one in poses}
+    cycles, places = [pose.cycles for pose in poses], {pose.pose for pose in poses}
     if min(cycles) < CYCLES:
         least, most = min(cycles), max(cycles)
         yield f"{least if least == most else f'{least} to {most}'} cycles of a pose, the standard asks for {CYCLES}."
     if len(places) < POSES:
         yield f"{len(places)} poses, the standard asks for {POSES}, in the largest cube of the working space."
-    if all(one.payload == "none" for one in poses):
+    if all(pose.payload == "none" for pose in poses):
         yield "Measured without payload: the standard asks for all of the rated load, and for a tenth of it besides."
     if excluded:
         counted, first = (
-            sum(one.cycles for one in poses),
+            sum(pose.cycles for pose in poses),
             [row for row in excluded if not measurements.approach[row].any()],
         )
         once = [row for row in excluded if row not in first]
         causes = [f"no row before it and no column approach_*: {_places(measurements, first)}"] * bool(first)
         causes += [f"the pose was attained only once from this direction: {_places(measurements, once)}"] * bool(once)
         yield f"{len(excluded)} of {counted + len(excluded)} cycles are excluded: {'; '.join(causes)}."
-    mixed = [one.pose for one in poses if one.direction is None]
+    mixed = [pose.pose for pose in poses if pose.direction is None]
     if mixed:
         yield f"From no direction attained twice, so all directions are one: {listing(mixed)}."
     if not directions:
         yield "No pose was repeated from two directions: vAP cannot be given (the standard: three, 30 cycles each)."
     derived = [name for name in measurements.derived if name.startswith("approach_")]
-    if derived and any(one.direction is not None for one in poses):
+    if derived and any(pose.direction is not None for pose in poses):
         yield "Directions are derived from the row before: the file has no columns approach_*."
     if block is None:
         yield "Drift is not given: it needs the time that a block of cycles takes (--block)."
     elif not drifts:
         yield f"No pose has cycles in two blocks of {block:g} s: drift cannot be given."
-    if any(one.rotation is None for one in poses):
+    if any(pose.rotation is None for pose in poses):
         yield "Orientations were not read in every cycle: AP and RP of a, b and c are not given for all."
-    found = repeats(measurements)
-    if found is not None and found.same_session.lost:
-        lost = _places(measurements, found.same_session.lost)
+    repeated = repeats(measurements)
+    if repeated is not None and repeated.same_session.lost:
+        lost = _places(measurements, repeated.same_session.lost)
         yield f"Outliers beyond the noise, included in the figures: {lost}."
     yield (
         "A campaign at rest does not give distance accuracy by pairs, stabilisation time, overshoot, exchangeability, "

@@ -111,31 +111,35 @@ def predict(
         ArmflexError: A row cannot be computed; its file and line are named.
     """
     rows = as_measurements(rows, arm, inputs_only=True)
-    met, found = _Flags(arm), []
+    met, predictions = _Flags(arm), []
     named = replace(rows, sha256=rows.clock[0].sha256) if rows.clock and not rows.periods else rows  # as its parts are
     pieces, run = [named], _Runs(arm, covariates or {})
     if not remembers(arm):
         levelled, cuts = named.levelled(), range(TOGETHER, len(rows), TOGETHER)
-        pieces = (levelled.some(some) for some in np.split(np.arange(len(rows)), cuts))
+        pieces = (levelled.some(piece_rows) for piece_rows in np.split(np.arange(len(rows)), cuts))
     for piece in (piece for every in pieces for piece in run.of(every)):
-        one, batch, fitted = run.predicted(piece)
-        met.add(one, batch, fitted)
-        found.append(one)
+        prediction, batch, fitted = run.predicted(piece)
+        met.add(prediction, batch, fitted)
+        predictions.append(prediction)
         if progress:
             progress(met.rows, len(rows))
-    parts = ([getattr(one, name) for one in found] for name in ("position", "rotation", "displacement"))
+    parts = (
+        [getattr(prediction, name) for prediction in predictions] for name in ("position", "rotation", "displacement")
+    )
     position, rotation, displacement = (np.concatenate(part) for part in parts)
-    stds = [one.sigma for one in found if one.sigma is not None]  # of all pieces, or of none
+    stds = [prediction.sigma for prediction in predictions if prediction.sigma is not None]  # of all pieces, or of none
     sigma = np.concatenate(stds) if stds else None
     sensors = []
-    for number in range(len(found[0].sensors)):
-        own = [one.sensors[number] for one in found]
-        kind, values = own[0][0], np.concatenate([one.values for one, _ in own])
-        stds = [std for _, std in own if std is not None]
+    for number in range(len(predictions[0].sensors)):
+        of_sensor = [prediction.sensors[number] for prediction in predictions]
+        kind, values = of_sensor[0][0], np.concatenate([reading.values for reading, _ in of_sensor])
+        stds = [std for _, std in of_sensor if std is not None]
         std = np.concatenate(stds) if stds else None
-        sensors.append((replace(kind, values=values, sigma=np.concatenate([one.sigma for one, _ in own])), std))
+        sensors.append(
+            (replace(kind, values=values, sigma=np.concatenate([reading.sigma for reading, _ in of_sensor])), std)
+        )
     asked = _with_constants(arm, rows, covariates or {})
-    outside = tuple(flags for one in found for flags in one.outside)
+    outside = tuple(flags for prediction in predictions for flags in prediction.outside)
     return Prediction(asked, position, rotation, sigma, displacement, met.flags, tuple(sensors), outside)
 
 
@@ -183,7 +187,7 @@ def predict_file(
             moved, about = moved.under(read_force_table(table_path, arm), arm)
             rows = replace(rows, wrenches=moved.wrenches).levelled()
         cuts = [] if remembers(arm) else range(TOGETHER, len(rows), TOGETHER)
-        pieces = (rows.some(some) for some in np.split(np.arange(len(rows)), cuts))
+        pieces = (rows.some(piece_rows) for piece_rows in np.split(np.arange(len(rows)), cuts))
 
     answers = in_threads(run.predicted, (piece for every in pieces for piece in run.of(every)))
     with writing_table(output) as write, closing(answers):
@@ -192,9 +196,9 @@ def predict_file(
                 answer = next(answers, None)
                 if answer is None:
                     return met.rows, (*about, *met.flags)
-                found, batch, fitted = answer
-                met.add(found, batch, fitted)
-                write(_columns(found))
+                prediction, batch, fitted = answer
+                met.add(prediction, batch, fitted)
+                write(_columns(prediction))
             if progress:
                 progress(met.rows, None)
 
@@ -223,11 +227,11 @@ class _Runs:
             arm = self._arm.on_clock(later) if after is None else self._arm.left(after)
             self._arms[after, later] = arm, without_declared_uncertainty(arm)
         arm, certain = self._arms[after, later]
-        known = rows.known.keys() - set(rows.derived)
+        recorded = rows.known.keys() - set(rows.derived)
         dated = all(clock and clock[0].begins for clock in (rows.clock, arm.clock))
-        flags = about_time(arm, known, rows.time if TIME in known else None, dated)
-        found, batch, fitted = _predicted(arm, certain, rows)
-        return found, batch, (*fitted, *flags)
+        flags = about_time(arm, recorded, rows.time if TIME in recorded else None, dated)
+        prediction, batch, fitted = _predicted(arm, certain, rows)
+        return prediction, batch, (*fitted, *flags)
 
 
 def _in_one_base(arm: Arm, rows: Measurements) -> Iterator[Measurements]:
@@ -236,8 +240,8 @@ def _in_one_base(arm: Arm, rows: Measurements) -> Iterator[Measurements]:
         yield rows
         return
     campaigns = numbered(map(arm.instrument.campaign, rows.session))
-    for some in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(campaigns)) + 1):
-        yield rows.some(some)
+    for in_campaign in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(campaigns)) + 1):
+        yield rows.some(in_campaign)
 
 
 def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, DeflectionBatch, tuple[Flag, ...]]:
@@ -250,7 +254,7 @@ def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, 
     instrument = arm.instrument or Instrument()
     gravity = gravity_in(Setup(arm, instrument), rows.session)
     with naming(Place(rows.places[0].file, 1) if rows.places else "rows"):
-        known = known_rows(arm, rows, gravity)
+        columns = known_rows(arm, rows, gravity)
     if gravity is not None:
         certain = replace(certain, robot=replace(certain.robot, gravity=gravity[0]))
     # Rows may be those of a campaign: what stood beyond a limit stood there, unless it is rather in another unit.
@@ -259,49 +263,53 @@ def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, 
         "enforce_limits": any(other_unit(arm.robot.moving[j], float(rows.q[i, j])) for i, j in beyond)
     }
     try:
-        found = certain.deflection(rows.q, rows.payload, covariates=known, wrenches=rows.wrenches, **asked)
+        deflection = certain.deflection(rows.q, rows.payload, covariates=columns, wrenches=rows.wrenches, **asked)
     except ArmflexError:
         for i in every:  # which of them it is, by its place
             with naming(rows.places[i]):
-                given = {name: values[i] for name, values in known.items()}
+                given = {name: values[i] for name, values in columns.items()}
                 pulled = wrenches_in(rows.wrenches, int(i))
                 certain.deflection(rows.q[i], rows.payload[i], covariates=given, wrenches=pulled, **asked)
         raise
     # The tip's position comes first; see `Readings`.
     wanted = [Position.unread(len(rows))]
-    read = {name: one for name, one in arm.sensors.items() if one.foreseen}
-    wanted += [one.unread(len(rows)) for one in read.values()]
+    read = {name: sensor for name, sensor in arm.sensors.items() if sensor.foreseen}
+    wanted += [sensor.unread(len(rows)) for sensor in read.values()]
     readings = Readings(len(rows), tuple(wanted))
     tip = readings.foremost
     fitted, about = fitted_variance(arm, rows, readings)
     unclear = (unclear_shifts(Setup(arm, instrument), rows, readings) ** 2).sum(axis=0)
     # What directions leave open is stated beside what a law or a fit has: alone it would be read as all of it.
-    variance = None if fitted is None and found.covariance is None else unclear
+    variance = None if fitted is None and deflection.covariance is None else unclear
     if variance is not None and fitted is not None:
         variance = fitted + variance
-    at, sensors = Postures(lambda _: found.pose, rows.session, instrument), []
-    if variance is not None and found.covariance is not None:
+    at, sensors = Postures(lambda _: deflection.pose, rows.session, instrument), []
+    if variance is not None and deflection.covariance is not None:
         seen = wanted[0].jacobian(at)[None]
-        variance[:, tip] += np.einsum("nij,njk,nik->ni", seen, found.covariance, seen, optimize=True)
+        variance[:, tip] += np.einsum("nij,njk,nik->ni", seen, deflection.covariance, seen, optimize=True)
     bent = any(effect.law.act is Act.SIGHT for effect in arm.effects)
     view = look(Setup(arm, instrument), rows, every, readings=readings) if read or bent else None
     at = view.at if view is not None and bent else at
     position, rotation = (kind.predicted(at) for kind in (wanted[0], Orientation.unread(len(rows))))
     if view is not None and read:
-        parts = [law.covariance(found.wrenches[:, i], view.line.row) for i, law in enumerate(certain.stack.laws)]
+        parts = [law.covariance(deflection.wrenches[:, i], view.line.row) for i, law in enumerate(certain.stack.laws)]
         for i, part in enumerate(parts):
             if variance is not None and part is not None:
                 seen = view.answer(lambda line, i=i: line.laws[:, :, i])[:, tip.stop :]
                 variance[:, tip.stop :] += ((seen @ part) * seen).sum(axis=2)
         for kind, place in view.readings.placed[1:]:
-            own = replace(kind, values=kind.predicted(view.at))
-            sensors.append((own, None if variance is None else np.sqrt(variance[:, place])))
+            predicted_kind = replace(kind, values=kind.predicted(view.at))
+            sensors.append((predicted_kind, None if variance is None else np.sqrt(variance[:, place])))
     sigma = None if variance is None else np.sqrt(variance[:, tip])
     outside: tuple[tuple[Flag, ...], ...] = ()
     if arm.stack.trained or any(effect.ranges for effect in arm.effects):
-        beyond = dict(found.unseen())
+        beyond = dict(deflection.unseen())
         outside = tuple(beyond.get(i, ()) for i in range(len(rows)))
-    return Prediction(rows, position, rotation, sigma, found.displacement, (), tuple(sensors), outside), found, about
+    return (
+        Prediction(rows, position, rotation, sigma, deflection.displacement, (), tuple(sensors), outside),
+        deflection,
+        about,
+    )
 
 
 def _with_constants(arm: Arm, rows: Measurements, constants: Mapping[str, float]) -> Measurements:
@@ -315,11 +323,11 @@ def _with_constants(arm: Arm, rows: Measurements, constants: Mapping[str, float]
             raise InputError(f"covariate {name!r} is a column of the rows already")
     check_covariates(arm, constants)
     columns = {name: np.full(len(rows), float(value)) for name, value in constants.items()}
-    own = {"time": columns.pop("time", rows.time), "hold": columns.pop("hold", rows.hold)}
+    times = {"time": columns.pop("time", rows.time), "hold": columns.pop("hold", rows.hold)}
     approach = [columns.pop(f"approach_{joint}", rows.approach[:, i]) for i, joint in enumerate(rows.joint_names)]
     derived = tuple(name for name in rows.derived if name not in constants)
-    known = {**rows.covariates, **columns}
-    return replace(rows, **own, approach=np.column_stack(approach), covariates=known, derived=derived)
+    recorded = {**rows.covariates, **columns}
+    return replace(rows, **times, approach=np.column_stack(approach), covariates=recorded, derived=derived)
 
 
 class _Flags:
@@ -340,15 +348,15 @@ class _Flags:
         self._fitted: dict[Flag, None] = {}
         self._timed: dict[str, Flag] = {}
 
-    def add(self, predicted: Prediction, found: DeflectionBatch, fitted: tuple[Flag, ...]) -> None:
+    def add(self, predicted: Prediction, deflection: DeflectionBatch, fitted: tuple[Flag, ...]) -> None:
         """Add what is doubtful about the next rows."""
         arm, rows = self._arm, predicted.rows
         unclear = {name: int(unknown.sum()) for name, _, unknown in directions(arm.effects, rows)}
         self._unclear |= {name: self._unclear.get(name, 0) + count for name, count in unclear.items()}
-        known = {*arm.instrument.sessions, *arm.instrument.targets} if arm.instrument else ()
-        if known:
-            self._sessions |= set(rows.session) - set(known)
-        for number, flag in sorted(found.flags_by_row, key=lambda pair: pair[0]):
+        frames = {*arm.instrument.sessions, *arm.instrument.targets} if arm.instrument else ()
+        if frames:
+            self._sessions |= set(rows.session) - set(frames)
+        for number, flag in sorted(deflection.flags_by_row, key=lambda pair: pair[0]):
             limited = flag.code == "outside_limits"
             self._beyond += limited
             at = rows.places[number] if limited and rows.places else f"row {self.rows + number}"
@@ -356,9 +364,9 @@ class _Flags:
             self._first.setdefault(flag.code, said)
         for number, flags in enumerate(predicted.outside):
             for key in dict.fromkeys((flag.code, flag.about) for flag in flags):
-                own = max((flag for flag in flags if (flag.code, flag.about) == key), key=lambda flag: flag.size)
-                count, row, worst = self._worst.get(key, (0, self.rows + number, own))
-                row, worst = (self.rows + number, own) if own.size > worst.size else (row, worst)
+                largest = max((flag for flag in flags if (flag.code, flag.about) == key), key=lambda flag: flag.size)
+                count, row, worst = self._worst.get(key, (0, self.rows + number, largest))
+                row, worst = (self.rows + number, largest) if largest.size > worst.size else (row, worst)
                 self._worst[key] = (count + 1, row, worst)
         for flag in fitted:  # of what is not the same in all pieces the most
             if flag.code not in OF_TIME:

@@ -96,10 +96,10 @@ class Rehearsal(Result):
     def content(self) -> dict[str, Any]:
         """Return what of each effect would be named."""
         effects = [
-            place_json(EVERY[one.effect], one.location)
-            | record(one, "nothing", probability="named", in_credible_set="within", size_m="size")
-            | {"confused_with": [{"name": title, "probability": chance} for title, chance in one.confused]}
-            for one in self.effects
+            place_json(EVERY[effect.effect], effect.location)
+            | record(effect, "nothing", probability="named", in_credible_set="within", size_m="size")
+            | {"confused_with": [{"name": title, "probability": chance} for title, chance in effect.confused]}
+            for effect in self.effects
         ]
         return record(self, rows="read", sigma_m="sigma", size_m="size") | {"effects": effects}
 
@@ -116,8 +116,8 @@ class Rehearsal(Result):
     @property
     def laws(self) -> tuple[tuple[str, tuple[Rehearsed, ...]], ...]:
         """The effects of each law, the law that is hardest to name first."""
-        grouped = [(name, tuple(some)) for name, some in groupby(self.effects, key=lambda one: one.effect)]
-        return tuple(sorted(grouped, key=lambda pair: float(np.mean([one.named for one in pair[1]]))))
+        grouped = [(name, tuple(effects)) for name, effects in groupby(self.effects, key=lambda effect: effect.effect)]
+        return tuple(sorted(grouped, key=lambda pair: float(np.mean([effect.named for effect in pair[1]]))))
 
 
 @checked_kinds
@@ -152,7 +152,9 @@ def rehearse(
     for name, value, least in (("draws", draws, 1), ("seed", seed, 0)):
         if value < least:
             raise InputError(f"{name} is {value}, expected {least} or more")
-    unseen = [name for name, one in arm.sensors.items() if not (one.foreseen or isinstance(one, TouchingSensor))]
+    unseen = [
+        name for name, sensor in arm.sensors.items() if not (sensor.foreseen or isinstance(sensor, TouchingSensor))
+    ]
     unknown = [f"[instrument.{name}]" for name in unseen]
     if unknown:
         text = "may be anywhere, and is not read: give anchor, mounting, board_at, board_turn and focal with their _std"
@@ -172,12 +174,12 @@ def rehearse(
         driven = as_measurements(rows, arm, True)
     campaign = simulated(arm, driven, sigma, rng)
     screen = standing(begin(calibrate(arm, campaign, as_stated=True, anyway=True))).screen
-    places, found = Places.of(screen, rng), list[Rehearsed]()
+    places, rehearsed = Places.of(screen, rng), list[Rehearsed]()
     for number in places.hidden:
-        found.append(_rehearsed(screen, places, number, size, draws, rng))
+        rehearsed.append(_rehearsed(screen, places, number, size, draws, rng))
         if progress is not None:
-            progress(len(found), len(places.hidden))
-    return Rehearsal(campaign, sigma, size, tuple(found))
+            progress(len(rehearsed), len(places.hidden))
+    return Rehearsal(campaign, sigma, size, tuple(rehearsed))
 
 
 def simulated(arm: Arm, rows: Rows, sigma: float, rng: np.random.Generator) -> Measurements:
@@ -193,7 +195,7 @@ def simulated(arm: Arm, rows: Rows, sigma: float, rng: np.random.Generator) -> M
     rows = Rows(**{name: getattr(rows, name) for name in bare})
     read = np.array([not pose.startswith(RUN_UP) for pose in rows.pose])
     kinds: list[Kind] = [Position.unread(len(rows), sigma)]
-    kinds += [one.unread(len(rows)) for one in arm.sensors.values() if one.foreseen]
+    kinds += [sensor.unread(len(rows)) for sensor in arm.sensors.values() if sensor.foreseen]
     rows = replace(rows, measured=read)
     at = look(Setup(arm, arm.instrument or Instrument()), rows, readings=Readings(len(rows), tuple(kinds))).at
     taken = []
@@ -221,15 +223,15 @@ class Places:
     @staticmethod
     def of(screen: Screen, rng: np.random.Generator) -> Places:
         """Return those of a screen."""
-        known = [group.hypothesis for group in screen.groups]
-        spots = {spot: i for i, spot in enumerate(dict.fromkeys(one.spot for one in known))}
-        number = np.array([*(spots[one.spot] for one in known), len(spots)])
-        titles = {one.spot: one.one.name for one in known}
-        named = [i for i, one in enumerate(known) if one.one.law.physical]
+        hypotheses = [group.hypothesis for group in screen.groups]
+        spots = {spot: i for i, spot in enumerate(dict.fromkeys(hypothesis.spot for hypothesis in hypotheses))}
+        number = np.array([*(spots[hypothesis.spot] for hypothesis in hypotheses), len(spots)])
+        titles = {hypothesis.spot: hypothesis.one.name for hypothesis in hypotheses}
+        named = [i for i, hypothesis in enumerate(hypotheses) if hypothesis.one.law.physical]
         grouped: dict[int, list[int]] = {}
         for i in named:
             grouped.setdefault(int(number[i]), []).append(i)
-        hidden = tuple(int(rng.choice(some)) for some in grouped.values())
+        hidden = tuple(int(rng.choice(alike)) for alike in grouped.values())
         return Places(number, (*(titles[spot] for spot in spots), "nothing"), hidden)
 
 
@@ -238,13 +240,13 @@ def _rehearsed(
 ) -> Rehearsed:
     """Return what simulated campaigns say of one hidden hypothesis."""
     group, projection = screen.groups[number], screen.projection
-    one, own = group.hypothesis.one, int(places.number[number])
-    what = (one.law.name, one.location, one.name)
+    candidate, place = group.hypothesis.one, int(places.number[number])
+    what = (candidate.law.name, candidate.location, candidate.name)
     columns = screen.columns(group.places)
     read = np.isfinite(screen.fit.view.sigma).ravel()
     mean, within, sizes = np.zeros(len(places.titles)), 0, []
     for _ in range(draws):
-        direction = rng.standard_normal(len(one.location.terms))
+        direction = rng.standard_normal(len(candidate.location.terms))
         direction = np.abs(direction) if group.hypothesis.positive else direction
         scaled = direction / np.linalg.norm(direction)
         moved = UNIT_MOTION * float(np.sqrt(((columns @ scaled) ** 2).sum() / screen.unit))
@@ -257,17 +259,17 @@ def _rehearsed(
         drawn = projection.regressors @ _drawn(projection.precision, rng)
         noise = np.where(read, rng.standard_normal(len(read)), 0.0)
         chances = _posterior(screen, places, columns @ scaled + drawn + noise)
-        within += float(chances[chances > chances[own]].sum()) < CREDIBLE
+        within += float(chances[chances > chances[place]].sum()) < CREDIBLE
         mean += chances / draws
-    best = [i for i in np.argsort(-mean).tolist() if i not in (own, len(mean) - 1)]
+    best = [i for i in np.argsort(-mean).tolist() if i not in (place, len(mean) - 1)]
     confused = tuple((places.titles[i], float(mean[i])) for i in best[:3] if mean[i] > FAINT)
-    return Rehearsed(*what, float(np.mean(sizes)), float(mean[own]), within / draws, float(mean[-1]), confused)
+    return Rehearsed(*what, float(np.mean(sizes)), float(mean[place]), within / draws, float(mean[-1]), confused)
 
 
 def _drawn(precision: Array, rng: np.random.Generator) -> Array:
     """Return (P,) values of the fitted parameters drawn from their priors, 0 where there is none."""
-    known = precision > 0.0
-    return np.where(known, rng.standard_normal(len(precision)) / np.sqrt(np.where(known, precision, 1.0)), 0.0)
+    priced = precision > 0.0
+    return np.where(priced, rng.standard_normal(len(precision)) / np.sqrt(np.where(priced, precision, 1.0)), 0.0)
 
 
 def _posterior(screen: Screen, places: Places, readings: Array) -> Array:
@@ -292,14 +294,14 @@ def _posterior(screen: Screen, places: Places, readings: Array) -> Array:
     return chances
 
 
-def summary(some: Sequence[Rehearsed]) -> tuple[float, float, float, str]:
+def summary(effects: Sequence[Rehearsed]) -> tuple[float, float, float, str]:
     """Return of several effects the mean probability of the right name, the share within the credible sets, the mean
     probability of nothing, and the name that they are most often confused with.
     """
     chances: dict[str, float] = {}
-    for one in some:
-        for name, chance in one.confused:
+    for effect in effects:
+        for name, chance in effect.confused:
             chances[name] = chances.get(name, 0.0) + chance
     most = max(chances.items(), key=lambda pair: pair[1], default=("", 0.0))
-    figures = [float(np.mean([getattr(one, what) for one in some])) for what in ("named", "within", "nothing")]
-    return figures[0], figures[1], figures[2], most[0] if most[1] / len(some) >= 0.01 else ""
+    figures = [float(np.mean([getattr(effect, what) for effect in effects])) for what in ("named", "within", "nothing")]
+    return figures[0], figures[1], figures[2], most[0] if most[1] / len(effects) >= 0.01 else ""

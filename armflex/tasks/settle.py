@@ -106,11 +106,11 @@ def settle(
         raise InputError(f"within must be positive, got {within} m")
     path, named = _finely(as_trajectory(trajectory, arm).with_constants(arm, covariates or {}).prepared(arm))
     met: dict[str, Flag] = {}
-    found = []
+    settled = []
     for row, modes, size, speed in stops(path, named, partial(modes_at, arm, path)):
-        found.append(_settling(arm, path.via[row], float(path.time[row]), modes, size, speed, within))
+        settled.append(_settling(arm, path.via[row], float(path.time[row]), modes, size, speed, within))
         met |= {flag.code: flag for flag in modes.flags if flag.code not in met}
-    return SettlingReport(within, tuple(found), tuple(met.values()))
+    return SettlingReport(within, tuple(settled), tuple(met.values()))
 
 
 @dataclass(frozen=True)
@@ -151,13 +151,13 @@ def modes_along(
     """
     path = as_trajectory(trajectory, arm).with_constants(arm, covariates or {}).prepared(arm)
     rows = [i for i, name in enumerate(path.via) if name] or range(len(path))
-    found = []
+    points = []
     for row in rows:
         modes, _ = modes_at(arm, path, row, path.payload[row], row)
         stiffest = tuple(modes.names.flexures[int(i)] for i in modes.sensitivities[:count].argmax(axis=1))
         name, time = path.via[row] or f"row {row}", float(path.time[row])
-        found.append(ModesAt(name, time, path.payload[row], modes.frequencies[:count], stiffest, modes.flags))
-    return tuple(found)
+        points.append(ModesAt(name, time, path.payload[row], modes.frequencies[:count], stiffest, modes.flags))
+    return tuple(points)
 
 
 def stops(
@@ -171,8 +171,10 @@ def stops(
         asked: (row, payload, row whose loads from outside act) -> the modes about a row, and the (6 n,) twists at rest;
             see `modes_at`.
     """
-    pushed_by = [one for one in path.wrenches if one.rows is not None]
-    pushed_by = np.hstack([np.zeros((len(path), 0)), *(np.hstack([one.force, one.moment]) for one in pushed_by)])
+    pushed_by = [wrench for wrench in path.wrenches if wrench.rows is not None]
+    pushed_by = np.hstack(
+        [np.zeros((len(path), 0)), *(np.hstack([wrench.force, wrench.moment]) for wrench in pushed_by)]
+    )
     pushing = (np.diff(pushed_by, axis=0) != 0.0).any(axis=1)  # loads change on the way to the next row
     steps = np.diff(path.time)[:, None]
     speeds = np.vstack([np.zeros(path.q.shape[1]), np.diff(path.q, axis=0) / steps, np.zeros(path.q.shape[1])])
@@ -210,10 +212,10 @@ def _finely(path: Trajectory) -> tuple[Trajectory, list[bool]]:
     parts = np.maximum(np.ceil(np.abs(np.diff(path.q, axis=0)).max(axis=1) / FURTHER), 1.0).astype(int)
     if not len(parts) or parts.max() == 1:
         return path, asked
-    own = np.concatenate([[0], np.cumsum(parts)])  # where the rows stand
-    place = np.interp(np.arange(own[-1] + 1), own, np.arange(len(path)))
+    rows_at = np.concatenate([[0], np.cumsum(parts)])  # where the rows stand
+    place = np.interp(np.arange(rows_at[-1] + 1), rows_at, np.arange(len(path)))
     via, named = [""] * len(place), [False] * len(place)
-    for row, here in enumerate(own.tolist()):
+    for row, here in enumerate(rows_at.tolist()):
         via[here], named[here] = path.via[row], asked[row]
     return on_the_way(path, np.interp(place, np.arange(len(path)), path.time), place, tuple(via)), named
 
@@ -228,19 +230,19 @@ def on_the_way(path: Trajectory, time: Array, place: Array, via: tuple[str, ...]
         via: Names of via-points.
     """
     segments = np.clip(place.astype(int), 0, len(path) - 2)
-    found = path.between(segments, place - segments)
+    points = path.between(segments, place - segments)
     payload = tuple(path.payload[int(here)] for here in place)  # at its end a stretch is at the next row
-    known = {"covariates": found.covariates, "wrenches": found.wrenches, "target": found.target}
+    loads = {"covariates": points.covariates, "wrenches": points.wrenches, "target": points.target}
     places = tuple(path.places[int(here)] for here in place) if path.places else ()
-    return Trajectory(path.joint_names, time, found.q, payload, via, places=places, **known)
+    return Trajectory(path.joint_names, time, points.q, payload, via, places=places, **loads)
 
 
 def modes_at(arm: Arm, path: Trajectory, row: int, payload: str, loaded: int) -> tuple[Modes, Array]:
     """Return the modes about a row with a payload and another row's loads, and the (6 n,) twists at rest [m, rad]."""
-    known = {"time": path.time[row], **{name: values[row] for name, values in path.covariates.items()}}
+    columns = {"time": path.time[row], **{name: values[row] for name, values in path.covariates.items()}}
     with naming(path.where(row)):
         pushed = wrenches_in(path.wrenches, loaded)
-        rest = arm.deflection(path.q[row], payload, covariates=known, wrenches=pushed)
+        rest = arm.deflection(path.q[row], payload, covariates=columns, wrenches=pushed)
         return modes_of(rest.solved, MODES, arm.damping_ratio, driven=True), rest.twists.ravel()
 
 

@@ -21,6 +21,7 @@ from armflex.parameters import DOUBT, ArmParameter, Certainty
 from armflex.plan.asking import Cause
 from armflex.plan.design_model import Before, Measured, noises_of
 from armflex.plan.next_measurement import Place, lacking, misplaced_centres, next_measurement, warming
+from armflex.trace.averaging import Averaged, alone, averaged, beside_calibrated
 from armflex.trace.findings import (
     VARIANCE_RATIO,
     Found,
@@ -51,12 +52,14 @@ class Weighed:
         credible: What each hypothesis may be, and last what may be missing.
         resampled: The resamples of the campaign over which that is an average.
         validated: How it predicts poses held out; None where nothing was found.
+        averaged: The average over the models of those resamples.
     """
 
     here: Standing
     credible: tuple[Credible, ...]
     resampled: Resampled
     validated: Validated | None
+    averaged: Averaged
 
 
 def weighed(here: Standing) -> Weighed:
@@ -71,9 +74,10 @@ def weighed(here: Standing) -> Weighed:
         evidence = competing(here.screen, here.model)
         model, folds = evidence.here(here.model), Folds(evidence, pose_folds(state.groups))
         resamples = resampled(evidence, model, parted_by(state), folds)
-        found, visited = bagged(evidence, model, resamples.times[: RESAMPLES // 5])  # enough for what is surely nothing
-        if not any(one.nothing > CREDIBLE for one in found[:-1]):
-            found, visited = bagged(evidence, model, resamples.times)
+        posterior = bagged(evidence, model, resamples.times[: RESAMPLES // 5])  # enough for what is surely nothing
+        if not any(one.nothing > CREDIBLE for one in posterior.credible[:-1]):
+            posterior = bagged(evidence, model, resamples.times)
+        found, visited = posterior.credible, posterior.visited
         doubted = [one for one, seen in zip(here.model, found, strict=False) if seen.is_doubtful]
         if doubted:  # each fit takes seconds where more is missing than can be named: there the likeliest is tried
             models, tried = map(evidence.there, {climbed(evidence, model)} if full else visited), len(here.rejected)
@@ -85,7 +89,13 @@ def weighed(here: Standing) -> Weighed:
         gone = [i for i, one in enumerate(found[:-1]) if one.is_gone]
         if not gone:
             here.screen.forget()
-            return Weighed(here, found, resamples, validated(here, folds) if model else None)
+            average, seen = averaged(state, evidence, model, posterior.drawn), None
+            if model or state.background.names:
+                average = beside_calibrated(average, folds, resamples)
+            if model:
+                assert average.errors is not None
+                seen = validated(here, folds, average.errors)
+            return Weighed(here, found, resamples, seen, average)
         least = [i for i in gone if found[i].nothing > CREDIBLE] or [min(gone, key=lambda i: found[i].probability)]
         titles = (here.screen.groups[here.model[i].number].hypothesis.title for i in least)
         state.reporter.stage(f"withdrawing {', '.join(titles)}")
@@ -136,7 +146,7 @@ def conclude(
     state.reporter.stage("weighing which kinds of effect are missing")
     families = (state if state.background.names else begun or state).sized.families
     state.reporter.stage("looking what would decide what is in question")
-    errors, seen = _errors(state, known.validated), known.validated
+    errors, seen = _errors(known.averaged, known.validated), known.validated
     open_places, texts, asked = [one for one in _places(known, found) if one.pairs], tuple[str, ...](), None
     if open_places:
         before = _before(state, errors["arm"].certainty)
@@ -165,24 +175,26 @@ def conclude(
 def so_far(state: State, places: tuple[RandomTwist, ...], ended: str, begun: State | None = None) -> Trace:
     """Return the account of a search that was ended at a state: what was accepted, without comparing it."""
     left = unexplained(state, linear(state).scattered)
-    errors, families = _errors(state), None if begun is None else begun.sized.families
+    errors, families = _errors(alone(state)), None if begun is None else begun.sized.families
     return Trace(**errors, found=(), unexplained=left, places=places, families=families, unfinished=True, ended=ended)
 
 
-def _errors(state: State, seen: Validated | None = None) -> dict:
+def _errors(predicted: Averaged, seen: Validated | None = None) -> dict:
     """Return the parts of an account that every state has, once it is `seen` how held-out poses are predicted."""
+    state = predicted.state
     fit, calibration = state.fit, state.calibration
     folds, judged = pose_folds(state.groups), state.judged
     certainty = certainty_of(fit) if seen is None else certainty_of(fit, least=0.0)
-    if seen is not None and fit.view.readings.unit in ("m", "px"):
-        chosen = excess(fit, folds, seen.errors, judged, certainty.design_effect)
+    if seen is not None and predicted.errors is not None and fit.view.readings.unit in ("m", "px"):
+        chosen = excess(fit, folds, predicted.errors, judged, certainty.design_effect)
         certainty = replace(certainty, misfit=max(certainty.misfit, chosen))
-    arm = with_posteriors(fit.setup.arm, fit, certainty)
+    setup = predicted.setup
+    arm = with_posteriors(setup.arm, fit, predicted.certainty(certainty))
     # A random twist stays behind, because nobody can foresee it.
-    effects = (*calibration.arm.effects, *state.fitted, *state.common)
+    effects = (*calibration.arm.effects, *predicted.effects)
     return {
-        "arm": replace(arm, effects=effects, instrument=fit.setup.instrument).left(),
-        "state": state,
+        "arm": replace(arm, effects=effects, instrument=setup.instrument).left(),
+        "predicted": predicted,
         "held_out_before": held_out(state.calibrated, folds, judged=judged).rms,
         "held_out_after": held_out(fit, folds, judged=judged).rms,
         "held_out_sessions": sessions_held_out(state, range(len(state.effects))),

@@ -33,6 +33,7 @@ from armflex.measured.repeats import repeats
 from armflex.parameters import ArmParameter
 from armflex.plan.asking import Asked
 from armflex.result import Result
+from armflex.trace.averaging import Averaged
 from armflex.trace.families import Families
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.resampling import Resampled
@@ -205,7 +206,7 @@ class Trace(Result):
 
     Attributes:
         arm: With everything fitted and every effect added.
-        state: The final fit, and the calibration before it.
+        predicted: What `arm` has: the average over the models of resamples.
         found: Effects in the order added.
         unexplained: What is left above the noise, None when nothing is.
         places: Likeliest places of what was left at first.
@@ -235,7 +236,7 @@ class Trace(Result):
     ROWS = "effects"
 
     arm: Arm
-    state: State
+    predicted: Averaged
     found: tuple[Found, ...]
     unexplained: Unexplained | None
     places: tuple[RandomTwist, ...]
@@ -266,6 +267,11 @@ class Trace(Result):
         return f"<Trace: {names}; {errors}{f'; ended {self.ended}' if self.ended else ''}>"
 
     @property
+    def state(self) -> State:
+        """The final fit, and the calibration before it."""
+        return self.predicted.state
+
+    @property
     def accepted(self) -> list[tuple[Effect, Mapping[str, float]]]:
         """Effects with their standard uncertainties by name: those found, or of an unfinished search all it has."""
         if self.unfinished:
@@ -284,6 +290,9 @@ class Trace(Result):
         if len(first) < len(self.calibration.flags) and self.calibration.held_out is not None:
             errors = self.calibration.held_out[0], self.held_out[1]
             first += worse_than_declared(errors, self.state.fit.view.readings.unit)
+        if (share := self.predicted.share) < 1.0:
+            text = f"held-out poses are predicted best by {share:.0%} of what was found and of families"
+            first.append(Flag("averaged", f"{text}, the rest by the calibrated arm: so the arm predicts", size=share))
         return (*first, *far_from_declared(self.state.fit, self.state.first.parameters, self.arm))
 
     @property
@@ -404,7 +413,8 @@ class Trace(Result):
         """
         if self.compared is None:
             return self.held_out_before, self.held_out_after
-        return self.compared.before, max(self.compared.after, self.held_out_after)
+        after = self.held_out_after if self.predicted.share == 1.0 else 0.0  # else it is not of what is predicted
+        return self.compared.before, max(self.compared.after, after)
 
     @checked_kinds
     def write(self, path: str | Path) -> Path:
@@ -420,16 +430,11 @@ class Trace(Result):
             UnsupportedError: No arm.toml declares the arm, or it was changed in Python after it was read.
             FileError: It cannot be written.
         """
+        assert self.arm.certainty is not None
         fit, state = self.state.fit, self.state
         campaign = Campaign(state.measurements.sha256, len(self.rows), self.rms, state.measurements.clock)
-        effects = [
-            effect_table(effect, {name: one for name, one in state.std_of(block).items() if np.isfinite(one)})
-            for block, effect in zip(
-                (*state.effects, *state.background.effects), (*state.fitted, *state.common), strict=True
-            )
-        ]
-        setup = realise(fit.declared, state.blocks, fit.values)  # effects are written by themselves
-        assert self.arm.certainty is not None
+        effects = [effect_table(one, std) for one, std in self.predicted.stated(self.arm.certainty)]
+        setup = realise(fit.declared, state.blocks, self.predicted.values)  # effects are written by themselves
         arm = replace(with_posteriors(setup.arm, fit, self.arm.certainty), instrument=setup.instrument)
         return write_arm(arm, campaign, Path(path), effects, self.unfinished)
 

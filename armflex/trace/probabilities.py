@@ -8,7 +8,7 @@ the bagged posterior, one distribution for each effect that was found and one fo
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -113,10 +113,40 @@ def named(evidence: Dense, own: Model) -> np.ndarray:
     return found
 
 
-def bagged(
-    evidence: Dense, own: Model, times: Iterable[Array], seed: int = 0
-) -> tuple[tuple[Credible, ...], set[Model]]:
-    """Return what every hypothesis of a model may be, last what may be missing beside them; and the models visited.
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """A model that was drawn in a resample of a campaign, with its most probable values there.
+
+    Attributes:
+        model: In the places of the model that it was drawn instead of.
+        amplitudes: Of each of its hypotheses [the law's unit].
+        spreads: (k, k) covariance of each [the law's unit].
+        rest: (P,) values of what is fitted anyway.
+    """
+
+    model: Model
+    amplitudes: tuple[Array, ...]
+    spreads: tuple[Array, ...]
+    rest: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Bagged:
+    """The posterior of every place of a model, averaged over resamples of a campaign.
+
+    Attributes:
+        credible: What every hypothesis of the model may be, last what may be missing beside them.
+        visited: Models that the sampler visited.
+        drawn: Models as sweeps of the sampler left them.
+    """
+
+    credible: tuple[Credible, ...]
+    visited: set[Model]
+    drawn: tuple[Drawn, ...]
+
+
+def bagged(evidence: Dense, own: Model, times: Iterable[Array], seed: int = 0) -> Bagged:
+    """Return the posterior of every place of a model, averaged over resamples of a campaign.
 
     Args:
         evidence: What competes.
@@ -128,12 +158,14 @@ def bagged(
     mine = [int(names[one.number]) for one in own]
     other = ~np.isin(np.arange(len(names)), mine)
     chances, nothing = np.zeros((len(own) + 1, len(names))), np.zeros(len(own) + 1)
-    part, best = None, own
+    part, best, sweeps = None, own, list[Drawn]()
     for each in times:
         before, part = part, evidence.resampled(each)
         best = best if part is before else climbed(part, own)
         slots = _placed(best, own, names)
         for i in [*range(len(own) + 1)] * SWEEPS:
+            if i == len(own):
+                sweeps.append(_drawn(part, slots, own))
             if i == len(own) and None in slots:
                 continue  # what is drawn beside a model that lacks one is that one
             beside = part.beside(tuple(one for j, one in enumerate(slots) if j != i and one is not None))
@@ -169,7 +201,32 @@ def bagged(
         probability = float(chance[mine[i]]) if i < len(own) else 0.0
         suspects.sort(key=lambda pair: -pair[1])
         found.append(Credible(probability, float(nothing[i]), tuple(suspects), tuple(best_of.values())))
-    return tuple(found), visited
+    return Bagged(tuple(found), visited, tuple(sweeps))
+
+
+def _drawn(part: Dense, slots: Sequence[Chosen | None], own: Model) -> Drawn:
+    """Return a model that was drawn in a resample; an effect in its own place is as it was found there.
+
+    Unless that is doubtful there: values inside its law are then others.
+    """
+    slots = list(slots)
+    for i, (now, before) in enumerate(zip(slots, own, strict=True)):
+        if now is None or now.number == before.number or before.number in {one.number for one in slots if one}:
+            continue
+        if part.groups[now.number].hypothesis.spot != part.groups[before.number].hypothesis.spot:
+            continue
+        others = [one for one in slots if one is not None]
+        model = tuple(before if one is now else one for one in others)
+        if part.log_posterior(model) > part.log_posterior(tuple(others)) + np.log(DOUBT):
+            slots[i] = before
+    model = tuple(one for one in slots if one is not None)
+    beside = part.beside(model)
+    rest = part.projection.absorbed(part.projection.data - part.columns[:, beside.places] @ beside.values)
+    spreads = []
+    for one, place in zip(model, beside.own, strict=True):
+        scale, axes = part.groups[one.number].scale, beside.inverse[:, place]
+        spreads.append(beside.noise**2 * (axes.T @ axes) * scale * scale[:, None])
+    return Drawn(model, beside.amplitudes, tuple(spreads), rest)
 
 
 def _placed(model: Model, own: Model, names: np.ndarray) -> list[Chosen | None]:

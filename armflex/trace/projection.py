@@ -159,9 +159,8 @@ class Projection:
         """Return the values by which all fitted parameters take over a (n,) change of the readings."""
         return self.fitted.solve(self.regressors.T @ change)
 
-    def values_of(self, change: Array) -> Array:
-        """Return the same of the parameters that this is condensed from."""
-        values = self.absorbed(change)
+    def whole(self, values: Array) -> Array:
+        """Return (P, ...) values as those of the parameters that this is condensed from."""
         return values if self.axes is None else self.axes @ values
 
     def resampled(self, times: Array) -> Projection:

@@ -403,7 +403,7 @@ def refitted(here: Standing, model: Model) -> State | None:
         promised[:count] = start[:count] - (now.pop(0) if now else 0.0)
         starts.append((start, promised))
     projection, rest = screen.projection, sum(len(block.parameters) for block in state.blocks)
-    absorbed = projection.values_of(projection.data - screen.explained(beside))
+    absorbed = projection.whole(projection.absorbed(projection.data - screen.explained(beside)))
     beside_effects = absorbed[rest:]  # families, and a random twist
     if not known:  # of several minima that of the calibration
         absorbed = state.first.values

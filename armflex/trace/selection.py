@@ -284,11 +284,17 @@ class Beside:
         return self.inverse.T @ self.pull
 
     @property
+    def own(self) -> tuple[slice, ...]:
+        """Places of each hypothesis among `places`."""
+        return tuple(slice(a, b) for a, b in pairwise(self._ends))
+
+    @property
     def amplitudes(self) -> tuple[Array, ...]:
         """The same for each hypothesis [the law's unit]."""
         groups = self.evidence.groups
-        ends = zip(self.model, pairwise(self._ends), strict=True)
-        return tuple(self.values[a:b] * groups[one.number].scale for one, (a, b) in ends)
+        return tuple(
+            self.values[place] * groups[one.number].scale for one, place in zip(self.model, self.own, strict=True)
+        )
 
     @cached_property
     def log_posterior(self) -> float:

@@ -96,18 +96,17 @@ class Folds:
 
 @dataclass(frozen=True, eq=False)
 class Validated:
-    """How a state predicts held-out poses, and what they say of every hypothesis.
-
-    `errors` are (M, n) of what is read foremost on poses held out, everything chosen and fitted without them [m].
-    """
+    """How a state predicts held-out poses, and what they say of every hypothesis."""
 
     compared: Compared
     proofs: tuple[Proof, ...]
-    errors: Array
 
 
-def validated(here: Standing, folds: Folds) -> Validated:
-    """Return how a state predicts poses that were held out, in folds of all that competes."""
+def validated(here: Standing, folds: Folds, predicted: Array) -> Validated:
+    """Return how a state predicts poses that were held out, in folds of all that competes.
+
+    `predicted` are (M, n) errors of what is read foremost, everything chosen and fitted without the poses [m].
+    """
     own, state, count = folds.evidence.here(here.model), here.state, len(folds.parts)
     judged = state.fit.view.readings.where(state.judged)
 
@@ -117,7 +116,7 @@ def validated(here: Standing, folds: Folds) -> Validated:
     def rms(squares: Array) -> float:
         return float(np.sqrt(squares[judged.foremost_count > 0].mean()))
 
-    chosen, whole, proofs = errors(folds.anew), judged.row_squares(errors([own] * count)), []
+    whole, proofs = judged.row_squares(errors([own] * count)), []
     for i in range(len(own)):
         less = judged.row_squares(errors([without(own, i)] * count))
         rise = np.bincount(state.groups, np.where(judged.foremost_count > 0, less - whole, 0.0))
@@ -126,7 +125,7 @@ def validated(here: Standing, folds: Folds) -> Validated:
         proofs.append(Proof(rms(less), rms(whole), *sessions, apart))
     # The calibrated arm in its own linear problem: in that of the traced one it has not the values that it was given.
     before = held_out(state.calibrated, pose_folds(state.groups), judged=state.judged).squares
-    return Validated(Compared(rms(before), rms(judged.row_squares(chosen))), tuple(proofs), chosen)
+    return Validated(Compared(rms(before), rms(judged.row_squares(predicted))), tuple(proofs))
 
 
 def sessions_held_out(state: State, new: Sequence[int]) -> tuple[float, float] | None:

@@ -75,13 +75,13 @@ def innovation(estimate: Estimate, seen: Seen) -> Innovation:
     return Innovation(through_root, inverse, factor, inverse.dot(surprise))
 
 
-def absorb(estimate: Estimate, found: Innovation) -> Estimate:
+def absorb(estimate: Estimate, gained: Innovation) -> Estimate:
     """Return the estimate that knows a reading, too."""
-    gain = estimate.root.dot(found.through_root.T)
-    half, _ = dtrtri(found.factor + unit_matrix(len(gain.T)), lower=1)
-    turned = gain.dot(found.inverse.T)
-    values = estimate.values + turned.dot(found.whitened)
-    return Estimate(values, estimate.root - turned.dot(half.dot(found.through_root)))
+    gain = estimate.root.dot(gained.through_root.T)
+    half, _ = dtrtri(gained.factor + unit_matrix(len(gain.T)), lower=1)
+    turned = gain.dot(gained.inverse.T)
+    values = estimate.values + turned.dot(gained.whitened)
+    return Estimate(values, estimate.root - turned.dot(half.dot(gained.through_root)))
 
 
 def take(estimate: Estimate, seen: Seen) -> tuple[Estimate, float, float]:
@@ -90,15 +90,15 @@ def take(estimate: Estimate, seen: Seen) -> tuple[Estimate, float, float]:
     The distance d is by all that was expected, what was not known of the parameters included. Beyond `outlier_limit` a
     reading counts (limit / d)^2: it moves the estimate the less the farther it is, and beyond `GROSS` not at all.
     """
-    far, found = outlier_limit(len(seen.residual)), innovation(estimate, seen)
-    distance = float(found.whitened.dot(found.whitened)) ** 0.5
+    far, gained = outlier_limit(len(seen.residual)), innovation(estimate, seen)
+    distance = float(gained.whitened.dot(gained.whitened)) ** 0.5
     if distance <= far:
-        return absorb(estimate, found), 1.0, distance
+        return absorb(estimate, gained), 1.0, distance
     if not distance < GROSS:
         return estimate, 0.0, distance
     # As if it were so noisy that its gain is a part of what it was, however little is known of the parameters.
     weight = (far / distance) ** 2
-    expected = found.factor.dot(found.factor.T) / weight - found.through_root.dot(found.through_root.T)
+    expected = gained.factor.dot(gained.factor.T) / weight - gained.through_root.dot(gained.through_root.T)
     noise = np.linalg.cholesky(expected)
     lighter = Seen(np.linalg.solve(noise, seen.residual), np.linalg.solve(noise, seen.jacobian))
     return absorb(estimate, innovation(estimate, lighter)), weight, distance

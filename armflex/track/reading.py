@@ -61,7 +61,7 @@ class Reading:
     @checked_kinds
     def of(cls, measurements: Measurements, row: int, timed: bool = False) -> Reading:
         """Return a row of a campaign, with its time if wanted; a direction that no row before says is not given."""
-        known = {name: float(values[row]) for name, values in measurements.known.items()}
+        columns = {name: float(values[row]) for name, values in measurements.known.items()}
         rotation, sigma_r = measurements.rotation, measurements.sigma_r
         if rotation is not None and sigma_r is not None and np.isfinite(sigma_r[row]):
             turned = rotation[row], float(sigma_r[row])
@@ -77,7 +77,7 @@ class Reading:
             measurements.session[row],
             float(measurements.time[row]) if timed else None,
             *turned,
-            {name: value for name, value in known.items() if value or name not in measurements.derived},
+            {name: value for name, value in columns.items() if value or name not in measurements.derived},
             {name: kind.values[row] for name, kind in read.items() if name},
             wrenches_in(measurements.wrenches, row),
         )
@@ -147,10 +147,10 @@ def as_row(reading: Reading, arm: Arm) -> Measurements:
         if name in reading.sensors:
             values = finite_array(np.atleast_1d(reading.sensors[name]), name, (sensor.unread(1).dimension,))[None]
             kinds.append(sensor.kind(values, np.full(values.shape, sensor.sigma), name))
-    for one in reading.wrenches:
-        if not isinstance(one, Wrench):
-            raise InputError(f"wrenches: expected loads from outside, such as armflex.Wrench, got {one!r}")
-        if one.frame not in arm.link_names:
-            raise UnknownNameError("link", one.frame, arm.link_names)
+    for wrench in reading.wrenches:
+        if not isinstance(wrench, Wrench):
+            raise InputError(f"wrenches: expected loads from outside, such as armflex.Wrench, got {wrench!r}")
+        if wrench.frame not in arm.link_names:
+            raise UnknownNameError("link", wrench.frame, arm.link_names)
     check_rows(reading.wrenches, None)
     return Measurements.of(replace(row, wrenches=tuple(reading.wrenches)), Readings(1, tuple(kinds)))

@@ -129,16 +129,16 @@ class Model:
         along = np.linalg.pinv(self.wide.T)
         left, turn = np.linalg.eigh(along @ covariance @ along.T)
         unknown = (turn.T @ self.wide)[left > UNINFORMED]
-        known = Certainty(self.parameters, covariance)
+        certainty = Certainty(self.parameters, covariance)
         if len(unknown):
             others = np.eye(len(covariance)) - unknown.T @ np.linalg.pinv(unknown.T)
-            known = Certainty(self.parameters, others @ covariance @ others.T, directions=unknown)
+            certainty = Certainty(self.parameters, others @ covariance @ others.T, directions=unknown)
         setup, laws = self.setup(values), {}
         for name, law in learned_laws(setup.arm).items():
-            posterior = known.among(of_law(name, law))
+            posterior = certainty.among(of_law(name, law))
             if posterior is not None:
                 laws[name] = replace(law, posterior=posterior)
-        return replace(with_laws(setup.arm, laws), instrument=setup.instrument, certainty=known.beside(self.aside))
+        return replace(with_laws(setup.arm, laws), instrument=setup.instrument, certainty=certainty.beside(self.aside))
 
 
 def changeables_of(blocks: Sequence[Block], arm: Arm) -> tuple[Changeable, ...]:
@@ -153,7 +153,7 @@ def changeables_of(blocks: Sequence[Block], arm: Arm) -> tuple[Changeable, ...]:
             sizes.append(np.full(len(block.parameters), getattr(arm.prior, block.kind, 0.0) or SIZES[block.kind]))
     size = np.concatenate(sizes)
     places = {group: np.flatnonzero([other == group for other in groups]) for group in dict.fromkeys(groups)}
-    return tuple(Changeable(group, own, size[own]) for group, own in places.items())
+    return tuple(Changeable(group, place, size[place]) for group, place in places.items())
 
 
 def model_of(arm: Arm) -> Model:
@@ -174,10 +174,10 @@ def model_of(arm: Arm) -> Model:
     setup = Setup(arm, replace(arm.instrument or Instrument(), sessions={}, targets={}))
     aside = Certainty((), np.zeros((0, 0)))
     # What was found of sensors in sessions that are over says nothing of how they stand now.
-    ended = any(one.found and "" not in one.found for one in arm.sensors.values())
+    ended = any(sensor.found and "" not in sensor.found for sensor in arm.sensors.values())
     gone = (ParameterKind.SENSOR,) if ended else ()
     if ended:
-        sensors = {name: replace(one, found={}) for name, one in arm.sensors.items()}
+        sensors = {name: replace(sensor, found={}) for name, sensor in arm.sensors.items()}
         arm = replace(arm, sensors=sensors)
         setup = replace(setup, arm=arm)
     if arm.certainty is not None:
@@ -193,7 +193,7 @@ def model_of(arm: Arm) -> Model:
         if learned:
             raise InputError(f"flexure {learned[0]!r} is to be learned: calibrate the arm before it is tracked")
         middle = np.clip(np.zeros(len(arm.joint_names)), arm.robot.lower, arm.robot.upper)
-        every = {name: np.zeros(one.unread(1).dimension) for name, one in arm.sensors.items()}
+        every = {name: np.zeros(sensor.unread(1).dimension) for name, sensor in arm.sensors.items()}
         alone = Setup(replace(arm, prior=replace(arm.prior, session_target=0.0)), setup.instrument)
         free = declared_blocks(alone, as_row(Reading(middle, np.zeros(3), 1.0, sensors=every), arm))
         prior = np.concatenate([np.zeros(0), *(block.prior for block in free)])
@@ -222,8 +222,8 @@ def model_of(arm: Arm) -> Model:
         for block in blocks
     ]
     sizes = np.ones(len(kept.parameters))
-    for one in changeables_of(blocks, arm):
-        sizes[one.places] = one.sizes
+    for changeable in changeables_of(blocks, arm):
+        sizes[changeable.places] = changeable.sizes
     wide = np.zeros((0, len(sizes))) if kept.directions is None else kept.directions
     wide = wide * (WIDE / np.abs(wide / sizes).max(axis=1, keepdims=True, initial=0.0))
     point = np.concatenate([block.start for block in blocks])

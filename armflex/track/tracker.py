@@ -106,7 +106,7 @@ class Tracker:
     @property
     def groups(self) -> tuple[str, ...]:
         """Names of what can be announced to have changed."""
-        return tuple(one.group.name for one in self._model.changeables)
+        return tuple(changeable.group.name for changeable in self._model.changeables)
 
     @property
     def values(self) -> Array:
@@ -273,8 +273,8 @@ class Tracker:
         q, state, names = self._arm.check_position(reading.q)[0], self._state, self._arm.joint_names
         moved = last_motion(np.array([q if state.q is None else state.q, q]))[1]
         approach = np.where(moved == 0.0, np.zeros(len(q)) if state.approach is None else state.approach, moved)
-        known = {f"{APPROACH}{name}": side for name, side in zip(names, approach.tolist(), strict=True) if side}
-        remembered = {name: known[name] for name in self._derived if name in known}
+        sides = {f"{APPROACH}{name}": side for name, side in zip(names, approach.tolist(), strict=True) if side}
+        remembered = {name: sides[name] for name in self._derived if name in sides}
         return replace(reading, covariates={**remembered, **reading.covariates}), (q.tolist(), approach.tolist())
 
     def _clock_at(self, reading: Reading) -> float:
@@ -323,30 +323,32 @@ class Tracker:
             base, weight, _ = (base, 0.0, 0.0) if gone else take(base, fainter(seen, part))
             weights.append(weight * part**2)
         state.estimate, state.drifted = base, state.clock
-        state.outliers += sum(one < 1.0 for one in weights) - sum(one < 1.0 for one in watch.weights)
+        state.outliers += sum(weight < 1.0 for weight in weights) - sum(weight < 1.0 for weight in watch.weights)
         watch.weights, watch.part = weights, part
 
     def _look(self) -> Change | None:
         """Look for a change; where there is one, take the window's readings again with what changed open from there."""
         state, watch, base, model = self._state, self._state.watch, self._before, self._model
         factor = model.factor(state.estimate.values)
-        in_steps = [replace(one, sizes=one.sizes * factor[one.places]) for one in model.changeables]
-        found = seek(watch, base, in_steps)
-        if found is None:
+        in_steps = [
+            replace(changeable, sizes=changeable.sizes * factor[changeable.places]) for changeable in model.changeables
+        ]
+        step = seek(watch, base, in_steps)
+        if step is None:
             return None
-        own, (jump, opened) = found.what.places, np.zeros((2, len(factor)))
-        jump[own], opened[own] = found.size, found.what.sizes**2
-        size = (model.at(state.point, base.values + jump) - model.at(state.point, base.values))[own]
-        state.estimate, state.drifted, since = base, state.clock, watch.first.count + found.start + 1
-        for place, (seen, gone) in enumerate(zip(watch.window, found.lost, strict=True)):
-            if place == found.start:
+        places, (jump, opened) = step.what.places, np.zeros((2, len(factor)))
+        jump[places], opened[places] = step.size, step.what.sizes**2
+        size = (model.at(state.point, base.values + jump) - model.at(state.point, base.values))[places]
+        state.estimate, state.drifted, since = base, state.clock, watch.first.count + step.start + 1
+        for place, (seen, gone) in enumerate(zip(watch.window, step.lost, strict=True)):
+            if place == step.start:
                 state.estimate = widen(state.estimate, opened)
             if not gone:
                 state.estimate = take(state.estimate, seen)[0]
         watch.restart(state.now)
-        parameters = tuple(model.parameters[i] for i in own)
-        std, others = found.std / factor[own], found.others
-        change = Change(parameters, found.probability, state.count, since, size, std, others)
+        parameters = tuple(model.parameters[i] for i in places)
+        std, others = step.std / factor[places], step.others
+        change = Change(parameters, step.probability, state.count, since, size, std, others)
         state.changes = [*state.changes, change][-KEPT:]
         return change
 
@@ -357,15 +359,15 @@ def _variances(rates: Mapping[str, float], model: Model) -> Array:
     if not isinstance(rates, Mapping) or not all(isinstance(name, str) for name in rates):
         raise InputError(f"rates: expected a mapping such as {{{labels[0]!r}: 1e-3}}, got {rates!r}")
     variance, most = np.zeros(len(labels)), np.zeros(len(labels))
-    for one in model.changeables:
-        most[one.places] = FASTEST * one.sizes
+    for changeable in model.changeables:
+        most[changeable.places] = FASTEST * changeable.sizes
     for name in sorted(rates, key=len):
-        own = [label == name or label.startswith(f"{name} ") for label in labels]
-        if not any(own):
+        rated = [label == name or label.startswith(f"{name} ") for label in labels]
+        if not any(rated):
             raise UnknownNameError("parameter", name, labels)
-        rate, limit = number(rates[name], f"rate of {name!r}"), float(most[own].max())
+        rate, limit = number(rates[name], f"rate of {name!r}"), float(most[rated].max())
         if not 0.0 <= rate <= limit:
             expected = f"{limit:.3g}, {FASTEST} times the size of a change of it"
             raise InputError(f"rate of {name!r}: expected a number from 0 to {expected}, got {rate:g}")
-        variance[own] = rate**2
+        variance[rated] = rate**2
     return variance

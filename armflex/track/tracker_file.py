@@ -71,7 +71,7 @@ class State:
 def _as_they_are(kind: type, *others: str) -> dict[str, Any]:
     """Return the types of a dataclass's fields by name, but for some others."""
     hints = get_type_hints(kind)
-    return {one.name: hints[one.name] for one in fields(kind) if one.name not in others}
+    return {field.name: hints[field.name] for field in fields(kind) if field.name not in others}
 
 
 PLAIN = _as_they_are(State, "estimate", "point", "watch", "changes")
@@ -155,9 +155,18 @@ def write_state(state: State, about: Mapping[str, Any], path: Path) -> Path:
             name: np.atleast_1d(np.asarray(read, dtype=float)).tolist() for name, read in reading.sensors.items()
         }
         saved["wrenches"] = []
-        for one in reading.wrenches:
-            at = {joint: float(value) for joint, value in one.positions.items()} if isinstance(one, Branch) else None
-            load = {"frame": one.frame, "axes": one.axes, "force": one.force.tolist(), "moment": one.moment.tolist()}
+        for wrench in reading.wrenches:
+            at = (
+                {joint: float(value) for joint, value in wrench.positions.items()}
+                if isinstance(wrench, Branch)
+                else None
+            )
+            load = {
+                "frame": wrench.frame,
+                "axes": wrench.axes,
+                "force": wrench.force.tolist(),
+                "moment": wrench.moment.tolist(),
+            }
             saved["wrenches"].append(load | {"positions": at})
         readings.append(saved)
     said = {
@@ -192,13 +201,13 @@ def read_state(path: Path, arm: Arm) -> tuple[State, dict[str, Any]]:
                 raise UnknownNameError("parameter", label, known)
         parameters = tuple(known[label] for label in saved["labels"])
         size, std = arrays[f"change {i} size"], arrays[f"change {i} std"]
-        own = {name: value for name, value in saved.items() if name not in ("name", "labels")}
-        changes.append(Change(parameters, **own, size=size, std=std))
+        numbers = {name: value for name, value in saved.items() if name not in ("name", "labels")}
+        changes.append(Change(parameters, **numbers, size=size, std=std))
     now, *before = (Estimate(arrays[f"{name} values"], arrays[f"{name} root"]) for name in ESTIMATES)
     first, later = (Anchor(estimate, *saved) for estimate, saved in zip(before, said["anchors"], strict=True))
     count = len(said["watch"]["weights"])
     readings = [
-        Reading(**saved | {"wrenches": tuple(_read(one, arm.robot) for one in saved["wrenches"])})
+        Reading(**saved | {"wrenches": tuple(_read(wrench, arm.robot) for wrench in saved["wrenches"])})
         for saved in said["readings"]
     ]
     window = [Seen(arrays[f"window {i} residual"], arrays[f"window {i} columns"]) for i in range(count)]
@@ -242,7 +251,9 @@ def _problem(state: State) -> str | None:
         and 0 <= watch.rising <= size
         and 0 <= watch.unsettled <= FEWEST,
         "the readings of its window": len(times) == (size if judged else 0)
-        and all(len(seen.residual) == one.size for seen, one in zip(watch.window, watch.readings, strict=False)),
+        and all(
+            len(seen.residual) == reading.size for seen, reading in zip(watch.window, watch.readings, strict=False)
+        ),
         "its directions": (state.q is None) == (state.approach is None)
         and len(state.q or ()) == len(state.approach or ())
         and set(state.approach or ()) <= {-1.0, 0.0, 1.0},

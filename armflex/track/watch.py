@@ -200,7 +200,7 @@ class Watch:
 
     def recentre(self, step: Array, factor: Array) -> None:
         """Take in that the arm is linearised elsewhere; see `recentred`."""
-        self.window = [Seen(one.residual - one.jacobian @ step, one.jacobian * factor) for one in self.window]
+        self.window = [Seen(seen.residual - seen.jacobian @ step, seen.jacobian * factor) for seen in self.window]
         self.first = replace(self.first, estimate=recentred(self.first.estimate, step, factor))
         self.later = replace(self.later, estimate=recentred(self.later.estimate, step, factor))
 
@@ -226,25 +226,27 @@ def seek(watch: Watch, before: Estimate, changeables: Sequence[Changeable]) -> F
             through = task.inverse @ jump
             inner = np.eye(len(what.places)) + jump.T @ through
             inverse = task.inverse - through @ np.linalg.solve(inner, through.T)
-            found = task.explained(inverse, float(np.linalg.slogdet(inner)[1]))
-            weight, name = np.log(RARE) - found.cost, what.group.name
+            explained = task.explained(inverse, float(np.linalg.slogdet(inner)[1]))
+            weight, name = np.log(RARE) - explained.cost, what.group.name
             if weight > weights.get(name, -np.inf):
-                weights[name], best[name] = weight, (what, found, start)
+                weights[name], best[name] = weight, (what, explained, start)
     # It is announced where it is sure that there was one, and clear which.
     total = np.logaddexp.reduce(list(weights.values()))
     shares = {name: float(np.exp(weight - total)) for name, weight in weights.items()}
-    name = max(best, key=lambda one: shares[one])
-    what, found, start = best[name]
+    name = max(best, key=lambda group: shares[group])
+    what, explained, start = best[name]
     clear = shares[name] >= CLEAR or len(task.errors) - start >= MOST
     if shares[None] > 1.0 - SURE or not clear:
         return None
-    through_root = task.jump(what, start).reshape(*task.errors.shape, -1) * ~found.lost[:, None, None]
+    through_root = task.jump(what, start).reshape(*task.errors.shape, -1) * ~explained.lost[:, None, None]
     through_root = through_root.reshape(-1, len(what.places))
-    size = what.sizes * (through_root.T @ found.pulls)
-    left = np.eye(len(what.places)) - through_root.T @ found.inverse @ through_root
-    others = sorted(((one, p) for one, p in shares.items() if one and one != name and p > 0.01), key=lambda x: -x[1])
+    size = what.sizes * (through_root.T @ explained.pulls)
+    left = np.eye(len(what.places)) - through_root.T @ explained.inverse @ through_root
+    others = sorted(
+        ((group, p) for group, p in shares.items() if group and group != name and p > 0.01), key=lambda x: -x[1]
+    )
     std = what.sizes * np.sqrt(np.maximum(np.diag(left), 0.0))
-    return Found(what, start, shares[name], size, std, tuple(others), found.lost.tolist())
+    return Found(what, start, shares[name], size, std, tuple(others), explained.lost.tolist())
 
 
 def contradicted(window: Sequence[Seen], before: Estimate) -> tuple[list[bool], float]:
@@ -296,8 +298,8 @@ class _Task:
         inner, pull = through_root.T @ through, through.T @ self.errors.ravel()
         gains = []  # logarithm of how much more probable a jump makes the errors
         for what in changeables:
-            own, sizes = inner[np.ix_(what.places, what.places)], what.sizes
-            factor = np.linalg.cholesky(np.eye(len(sizes)) + own * np.outer(sizes, sizes))
+            information, sizes = inner[np.ix_(what.places, what.places)], what.sizes
+            factor = np.linalg.cholesky(np.eye(len(sizes)) + information * np.outer(sizes, sizes))
             along = np.linalg.solve(factor, sizes * pull[what.places])
             gains.append(float(0.5 * along @ along - np.log(np.diag(factor)).sum()))
         return [changeables[i] for i in np.argsort(gains)[: -PROMISING - 1 : -1]]
@@ -314,15 +316,15 @@ class _Task:
         lost, errors, inverse = np.zeros(count, dtype=bool), self.errors.ravel().copy(), inverse.copy()
         for _ in range(count + 1):
             pulls = inverse @ errors
-            own = inverse.reshape(count, size, count, size)[np.arange(count), :, np.arange(count)]
+            blocks = inverse.reshape(count, size, count, size)[np.arange(count), :, np.arange(count)]
             parts = pulls.reshape(count, size)
             # What a reading is off from where all others have it, squared: the block of V^-1 is that distance's metric.
-            far = (parts * np.linalg.solve(own, parts[:, :, None])[:, :, 0]).sum(axis=1)
+            far = (parts * np.linalg.solve(blocks, parts[:, :, None])[:, :, 0]).sum(axis=1)
             worst = int(far.argmax())
             if not far[worst] > 2.0 * LOST:
                 break
             here = slice(size * worst, size * (worst + 1))
-            inverse -= inverse[:, here] @ np.linalg.solve(own[worst], inverse[here])
+            inverse -= inverse[:, here] @ np.linalg.solve(blocks[worst], inverse[here])
             inverse[here], inverse[:, here], inverse[here, here], errors[here] = 0.0, 0.0, np.eye(size), 0.0
             lost[worst] = True
         cost = 0.5 * (errors @ pulls + self.log_volume + more_volume) + LOST * lost.sum()

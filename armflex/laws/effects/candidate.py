@@ -56,7 +56,7 @@ class Candidate:
 
 def places_of(law: EffectLaw, context: Context) -> list[Location]:
     """Return where a law may act in a campaign: every place whose columns the campaign has."""
-    return [one for one in law.places(context.records) if all(map(context.row.has, one.covariates))]
+    return [location for location in law.places(context.records) if all(map(context.row.has, location.covariates))]
 
 
 def grid(law: EffectLaw, location: Location, context: Context) -> Iterator[Values]:

@@ -75,13 +75,13 @@ class Records:
 
     def axes(self, joint: str) -> tuple[str, ...]:
         """Return along and about what something may give at a joint: a cylinder along itself alone."""
-        return AXES[:1] if any(joint == one.name for one in self.robot.linkage.cylinders) else AXES
+        return AXES[:1] if any(joint == cylinder.name for cylinder in self.robot.linkage.cylinders) else AXES
 
     @property
     def links(self) -> tuple[str, ...]:
         """Sites at the ends of the links that move, the tool's last."""
         jointed = self.robot.jointed
-        moved = [joint for joint in jointed if any(one in jointed for one in path_to(joint, self.robot)[:-1])]
+        moved = [joint for joint in jointed if any(name in jointed for name in path_to(joint, self.robot)[:-1])]
         return (*(LINK + joint.name for joint in moved), TOOL)
 
     @property
@@ -121,14 +121,14 @@ class Context:
     @cached_property
     def records(self) -> Records:
         """What decides where effects make sense."""
-        known = self.row.covariates
-        levels = tuple(name for name, values in known.items() if LEVEL_OF in name and varies(values))
-        mass = known.get(MASS, np.zeros(len(self.payloads)))
+        columns = self.row.covariates
+        levels = tuple(name for name, values in columns.items() if LEVEL_OF in name and varies(values))
+        mass = columns.get(MASS, np.zeros(len(self.payloads)))
         payloads = sorted({name for name, kilograms in zip(self.payloads, mass, strict=True) if kilograms > 0.0})
         sessions = tuple(dict.fromkeys(self.sessions))
         moved = tuple(joint for joint in self.joints if varies(self.row.position(joint)))
-        known = (tuple(payloads), sessions, self.springs, self.stars)
-        return Records(self.robot, self.recorded, moved, self.timed, levels, *known)
+        more = (tuple(payloads), sessions, self.springs, self.stars)
+        return Records(self.robot, self.recorded, moved, self.timed, levels, *more)
 
     @property
     def timed(self) -> bool:
@@ -156,22 +156,22 @@ class Context:
 
     def at_time(self, moment: float) -> Context:
         """Return the context as if all rows were at a moment [s]."""
-        known = {**self.row.covariates, TIME: np.full(len(self.payloads), moment)}
-        return replace(self, row=replace(self.row, covariates=known))
+        columns = {**self.row.covariates, TIME: np.full(len(self.payloads), moment)}
+        return replace(self, row=replace(self.row, covariates=columns))
 
     def later(self, seconds: float) -> Context:
         """Return the context on a clock that is ahead."""
         if not seconds:
             return self
-        known = {**self.row.covariates, TIME: self.column(TIME) + seconds}
-        return replace(self, row=replace(self.row, covariates=known))
+        columns = {**self.row.covariates, TIME: self.column(TIME) + seconds}
+        return replace(self, row=replace(self.row, covariates=columns))
 
     def here(self, location: Location, arm: Manipulator) -> Here:
         """Return what is known about the arm at a location."""
-        known = self._heres.get(location)
-        if known is None or known[0] is not arm:
-            self._heres[location] = known = (arm, resolve(location, arm.robot, arm.flexures))
-        return known[1]
+        kept = self._heres.get(location)
+        if kept is None or kept[0] is not arm:
+            self._heres[location] = kept = (arm, resolve(location, arm.robot, arm.flexures))
+        return kept[1]
 
     @cached_property
     def _heres(self) -> dict[Location, tuple[Manipulator, Here]]:
@@ -217,7 +217,7 @@ def varies(values: Array) -> bool:
 def survey(
     rows: Rows,
     arm: Manipulator,
-    known: Mapping[str, Array],
+    columns: Mapping[str, Array],
     wrenches: Mapping[str, Array],
     points: Array,
     stars: bool = False,
@@ -227,18 +227,18 @@ def survey(
     Args:
         rows: All rows in the order driven.
         arm: The arm; its payloads' masses are candidates, too.
-        known: Everything known of the rows, (N,) each; see `known_rows`.
+        columns: Everything known of the rows, (N,) each; see `known_rows`.
         wrenches: (N, 6) loads at every site.
         points: (..., 3) where links were, in the base [m].
         stars: Whether an instrument reads the direction of something far away.
     """
     hidden = {POSE, ROW, *(f"approach_{joint}" for joint in rows.joint_names)}
     candidates = [name for name in known_columns(rows, arm) if name not in hidden and LEVEL_OF not in name]
-    recorded = tuple(name for name in candidates if varies(known[name]))
+    recorded = tuple(name for name in candidates if varies(columns[name]))
     places = points.reshape(-1, 3)
     box = np.array([places.min(axis=0), places.max(axis=0)])
     index = {name: i for i, name in enumerate(rows.joint_names)}
-    row = Row(rows.q, index, dict(known))
+    row = Row(rows.q, index, dict(columns))
     pieces = tuple(rows.pieces.values())
     return Context(
         arm.robot,
@@ -249,15 +249,15 @@ def survey(
         wrenches,
         box,
         pieces,
-        tuple(one.name for one in arm.springs),
+        tuple(spring.name for spring in arm.springs),
         stars,
     )
 
 
-def begun_anew(arm: Manipulator, known: Mapping[str, Known], none: Known) -> dict[str, Known]:
+def begun_anew(arm: Manipulator, columns: Mapping[str, Known], none: Known) -> dict[str, Known]:
     """Return what is known, and `none` for how long a load has stood where effects depend on it and it is not."""
     needed = any(HOLD in effect.location.covariates for effect in arm.effects)
-    return {HOLD: none, **known} if needed else dict(known)
+    return {HOLD: none, **columns} if needed else dict(columns)
 
 
 def known_columns(rows: Driven, arm: Manipulator) -> dict[str, Array]:
@@ -265,14 +265,14 @@ def known_columns(rows: Driven, arm: Manipulator) -> dict[str, Array]:
 
     An entry of a text column that effects depend on and these rows never have is 0 throughout.
     """
-    keys = [one if isinstance(one, str) else id(one) for one in rows.payload]  # a payload has arrays
-    weights = {key: arm.payload(one).mass for key, one in dict(zip(keys, rows.payload, strict=True)).items()}
-    known = begun_anew(arm, rows.known, np.zeros(len(rows.q))) | {MASS: np.array([weights[key] for key in keys])}
+    keys = [payload if isinstance(payload, str) else id(payload) for payload in rows.payload]  # a payload has arrays
+    weights = {key: arm.payload(payload).mass for key, payload in dict(zip(keys, rows.payload, strict=True)).items()}
+    columns = begun_anew(arm, rows.known, np.zeros(len(rows.q))) | {MASS: np.array([weights[key] for key in keys])}
     asked = {name for effect in arm.effects for name in effect.location.covariates}
     if isinstance(rows, Rows) and POSE in asked:
-        known[POSE] = rows.pose_number.astype(float)
+        columns[POSE] = rows.pose_number.astype(float)
     if ROW in asked:
-        known[ROW] = np.arange(float(len(rows.q)))
-    texts = {name.partition(LEVEL_OF)[0] for name in known if LEVEL_OF in name}
+        columns[ROW] = np.arange(float(len(rows.q)))
+    texts = {name.partition(LEVEL_OF)[0] for name in columns if LEVEL_OF in name}
     levels = {name for name in asked if LEVEL_OF in name}
-    return {name: np.zeros(len(rows.q)) for name in levels if name.partition(LEVEL_OF)[0] in texts} | known
+    return {name: np.zeros(len(rows.q)) for name in levels if name.partition(LEVEL_OF)[0] in texts} | columns

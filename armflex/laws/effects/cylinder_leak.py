@@ -11,7 +11,9 @@ CYLINDER_LEAK = TwistLaw(
     instead="close the valves under load and watch the rod with a dial gauge",
     plausible=Plausible(0.005, 0.005, "a boom that sinks by centimetres while it is measured is repaired"),
     places=lambda records: [
-        Location(one.name, "dx", ("hold",)) for one in records.robot.linkage.cylinders if "hold" in records.recorded
+        Location(cylinder.name, "dx", ("hold",))
+        for cylinder in records.robot.linkage.cylinders
+        if "hold" in records.recorded
     ],
     amplitudes=(Amplitude("c", "m/(N s)", positive=True),),
     terms=lambda here, inner: compliances(here.direction, powers("hold", 1)),

@@ -24,10 +24,10 @@ def _terms(here: Here, inner: Values) -> list[list[Term]]:
     base = () if here.base_law is None else here.base_law.terms()
     if not all(isinstance(term, Term) and term.linear for term in base):
         raise UnsupportedError("depends on the tangent of a law that is not linear in the load")
-    own = [
+    turned = [
         (term.matrix @ here.drive, term.factors) for term in base if isinstance(term, Term) and term.matrix is not None
     ]
-    return [[Term(way, factors=factors).times(1.0, *powers(own_column(here), 1)) for way, factors in own]]
+    return [[Term(way, factors=factors).times(1.0, *powers(own_column(here), 1)) for way, factors in turned]]
 
 
 DRESS_PACK = TwistLaw(

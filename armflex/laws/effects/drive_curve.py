@@ -29,7 +29,9 @@ def _places(records: Records) -> list[Location]:
     return [
         Location(joint.name, axis, (f"q_{joint.name}",), every)
         for joint in records.robot.moving
-        for axis in dict.fromkeys((drive_axis(joint), *(one for one in AXES_TURN if one in records.axes(joint.name))))
+        for axis in dict.fromkeys(
+            (drive_axis(joint), *(turned for turned in AXES_TURN if turned in records.axes(joint.name)))
+        )
     ]
 
 
@@ -54,8 +56,8 @@ def _table(here: Here, inner: Values, values: Array) -> Factor:
 def _terms(here: Here, inner: Values) -> list[list[Term]]:
     acting, each = here.location.terms, [list[Term]() for _ in range(MOST_SINES)]
     factors = [_table(here, inner, values) for values in _knots(acting)]
-    for i, own in zip(acting, twists(_way(here), *([factor] for factor in factors)), strict=True):
-        each[i] = own
+    for i, term in zip(acting, twists(_way(here), *([factor] for factor in factors)), strict=True):
+        each[i] = term
     return each
 
 

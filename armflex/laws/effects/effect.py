@@ -198,7 +198,7 @@ class Solved(Protocol):
         """Return the (M,) distance of a spring's ends [m]."""
         ...
 
-    def gravity(self, own: Array) -> Array:
+    def gravity(self, vectors: Array) -> Array:
         """Return (M, k, 3) what (k, 3) gravities of the arm are in the base axes of each row [m/s^2]."""
         ...
 
@@ -402,12 +402,12 @@ class Effect:
     def ranges(self) -> tuple[tuple[str, float, float], ...]:
         """Those of `seen` beyond which it is an extrapolation in rows."""
         stays = self.moments or self.law.afterwards is Afterwards.STAYS
-        return tuple(one for one in self.seen if not (stays and one[0] == TIME))
+        return tuple(seen_range for seen_range in self.seen if not (stays and seen_range[0] == TIME))
 
     def each(self, view: Solved, context: Context) -> list[Array]:
         """Return (M, k, n) what its law does in some rows per acting amplitude, at each of its `moments`."""
         clocks = [context.at_time(moment) for moment in self.moments] or [context.later(self.later)]
-        return [self.law.features(self.location, self.inner, view, one) for one in clocks]
+        return [self.law.features(self.location, self.inner, view, clock) for clock in clocks]
 
     @property
     def amplitudes(self) -> Values:
@@ -499,10 +499,10 @@ class Memory:
         """
         if len(pieces) < 2:
             return self.remember(here, wrench, row, inner)
-        found = np.zeros(len(row.q))
-        for own in pieces:
-            found[own] = self.remember(here, wrench[own], row.some(own), inner)
-        return found
+        remembered = np.zeros(len(row.q))
+        for piece in pieces:
+            remembered[piece] = self.remember(here, wrench[piece], row.some(piece), inner)
+        return remembered
 
 
 TermsBy = Callable[[Here, Values], Sequence[Terms]]
@@ -600,15 +600,15 @@ class SightLaw(EffectLaw):
     weights: Callable[[Location, Row], Sequence[Array | float]]
 
     def of_each(self, location: Location, inners: Sequence[Values], view: Solved, context: Context) -> Sequence[Array]:
-        found = np.zeros((len(view.rows), len(self.amplitudes), 2))
+        features = np.zeros((len(view.rows), len(self.amplitudes), 2))
         for number, weight in enumerate(self.weights(location, context.row_at(view))):
-            found[:, number, number % 2] = weight
-        return [found] * len(inners)
+            features[:, number, number % 2] = weight
+        return [features] * len(inners)
 
     def bend(self, effect: Effect, row: Row) -> Array:
         """Return the (..., 2) bending in rows, or in one [1/m, rad]."""
-        own = self.weights(effect.location, row)
-        each = [value * np.asarray(weight) for value, weight in zip(effect.amplitudes, own, strict=True)]
+        weights = self.weights(effect.location, row)
+        each = [value * np.asarray(weight) for value, weight in zip(effect.amplitudes, weights, strict=True)]
         return np.stack(np.broadcast_arrays(sum(each[::2]), sum(each[1::2])), axis=-1)
 
     def size(self, done: Array, arm: Manipulator) -> float:

@@ -12,7 +12,7 @@ from armflex.laws.terms import Term, part, power
 
 def _terms(here: Here, inner: Values) -> list[list[Term]]:
     way = here.direction
-    lengths = (np.diag((1.0 - way) * own) for own in np.repeat(np.eye(2), 3, axis=1))
+    lengths = (np.diag((1.0 - way) * direction) for direction in np.repeat(np.eye(2), 3, axis=1))
     each = (*((power(form, 0.5),) for form in lengths), (part(way), part(way)))
     return [[Term(way, features=features)] for features in each]
 

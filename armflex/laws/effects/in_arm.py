@@ -63,9 +63,13 @@ class BoundTwist(WithoutParameters):
         """Return the terms of the effect's law times its amplitudes."""
         if self.law.joined is not None:
             return self.law.joined(self.here, self.effect.amplitudes, self.effect.inner)
-        known = zip(self.effect.amplitudes, self.law.terms(self.here, self.effect.inner), strict=True)
+        sized = zip(self.effect.amplitudes, self.law.terms(self.here, self.effect.inner), strict=True)
         return [
-            one for value, each in known if value for term in each for one in _timed(term.times(value), self.effect)
+            amplitude_term
+            for value, each in sized
+            if value
+            for term in each
+            for amplitude_term in _timed(term.times(value), self.effect)
         ]
 
     @cached_property
@@ -89,11 +93,11 @@ def _timed(term: Term | Neurons, effect: Effect) -> Terms:
     if effect.moments:
         moments = np.array(effect.moments)
         return [bare.times(float(np.mean(np.prod([factor.of(moments) for factor in over], axis=0))))]
-    found = []
+    terms = []
     for pairs in product(*(factor.later(effect.later) for factor in over)):
         shares, factors = zip(*pairs, strict=True)
-        found.append(bare.times(float(np.prod(shares)), *factors))
-    return found
+        terms.append(bare.times(float(np.prod(shares)), *factors))
+    return terms
 
 
 @dataclass(frozen=True)
@@ -132,10 +136,10 @@ def with_twists(flexures: Sequence[Flexure], effects: Sequence[Effect], robot: R
             bound.setdefault(effect.location.site, []).append(BoundTwist(effect, here))
     for site, parts in bound.items():
         place = site_of(site, robot)
-        known = [i for i, flexure in enumerate(modelled) if same_site(flexure.site, place)]
-        if known:
-            old = modelled[known[-1]]
-            modelled[known[-1]] = replace(old, law=SumOfLaws((old.law, *parts)))
+        at_place = [i for i, flexure in enumerate(modelled) if same_site(flexure.site, place)]
+        if at_place:
+            old = modelled[at_place[-1]]
+            modelled[at_place[-1]] = replace(old, law=SumOfLaws((old.law, *parts)))
         else:
             modelled.append(Flexure(f"effects at {site}", place.joint, SumOfLaws(tuple(parts)), place.before))
     return tuple(modelled)
@@ -158,7 +162,7 @@ def beyond_seen(effects: Sequence[Effect], row: Row) -> dict[int, list[Flag]]:
         effects: Of the arm.
         row: One row, numbered 0, or N rows.
     """
-    found: dict[int, list[Flag]] = {}
+    flags_of: dict[int, list[Flag]] = {}
     for effect in effects:
         for name, low, high in effect.ranges:
             values, size = np.atleast_1d(row.column(name)), np.atleast_1d(excess(row, name, low, high))
@@ -166,8 +170,8 @@ def beyond_seen(effects: Sequence[Effect], row: Row) -> dict[int, list[Flag]]:
                 text = f"{name} = {values[i]:.4g} is outside the {low:.4g} to {high:.4g} it was found in"
                 text += "" if effect.law.physical else ", where it is no law: the arm without it may be nearer there"
                 flag = Flag("extrapolating", f"{effect.title}: {text}", f"{effect.title} {name}", float(size[i]))
-                found.setdefault(i, []).append(flag)
-    return found
+                flags_of.setdefault(i, []).append(flag)
+    return flags_of
 
 
 @dataclass(frozen=True)
@@ -222,8 +226,8 @@ def pulling(effects: Sequence[Effect], robot: Robot) -> tuple[Pulling, ...]:
 
 def bending(effects: Sequence[Effect], row: Row, count: int) -> Array:
     """Return (N, 2) or (1, 2) by how much effects bend lines of sight in N rows; see `Postures.bend`."""
-    own = [effect.law.bend(effect, row) for effect in effects if isinstance(effect.law, SightLaw)]
-    return np.zeros((1, 2)) + sum(np.broadcast_to(one, (count, 2)) for one in own)
+    bends = [effect.law.bend(effect, row) for effect in effects if isinstance(effect.law, SightLaw)]
+    return np.zeros((1, 2)) + sum(np.broadcast_to(bend, (count, 2)) for bend in bends)
 
 
 def remembers(arm: Manipulator) -> bool:
@@ -294,21 +298,21 @@ def _changes(effect: Effect, arm: Manipulator, time: Array | None) -> bool:
 
 def check_covariates(arm: Manipulator, given: Iterable[str]) -> None:
     """Raise `InputError` where somebody names a covariate that no effect of the arm depends on."""
-    known = depended_on(arm)
+    columns = depended_on(arm)
     for name in given:
-        if name not in known:
-            hint = did_you_mean(name, known)
-            raise InputError(f"no effect of this arm depends on {name!r}{hint} (they depend on: {listing(known)})")
+        if name not in columns:
+            hint = did_you_mean(name, columns)
+            raise InputError(f"no effect of this arm depends on {name!r}{hint} (they depend on: {listing(columns)})")
 
 
 def check_approaches(values: Mapping[str, float], joints: Sequence[str]) -> None:
     """Raise `InputError` where an `approach_<joint>` is of no joint, or is not -1, 0 or 1."""
-    known = [f"{APPROACH}{joint}" for joint in joints]
+    columns = [f"{APPROACH}{joint}" for joint in joints]
     for name, value in values.items():
         if not name.startswith(APPROACH):
             continue
-        if name not in known:
-            raise InputError(f"no covariate {name!r}{did_you_mean(name, known)} (known: {listing(known)})")
+        if name not in columns:
+            raise InputError(f"no covariate {name!r}{did_you_mean(name, columns)} (known: {listing(columns)})")
         if value not in (-1.0, 0.0, 1.0):
             raise InputError(f"{name} is {value:g}, not -1, 0 or 1")
 

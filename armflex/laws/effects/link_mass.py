@@ -39,9 +39,9 @@ def _change(effect: Effect, model: Model) -> Model:
 def _weighs(effect: Effect, context: Context, arm: Manipulator) -> bool:
     """Return whether a link keeps a mass, and not more than all of the arm."""
     link = arm.robot.urdf.links[link_of(effect.location.site, arm.robot)]
-    own = link.inertial.mass if link.inertial else 0.0
-    own += float(arm.corrections.bodies.get(link.name, np.zeros(4))[0])
-    return -own <= effect.amplitudes[0] <= arm.weight / np.linalg.norm(arm.robot.gravity)
+    mass = link.inertial.mass if link.inertial else 0.0
+    mass += float(arm.corrections.bodies.get(link.name, np.zeros(4))[0])
+    return -mass <= effect.amplitudes[0] <= arm.weight / np.linalg.norm(arm.robot.gravity)
 
 
 LINK_MASS = ModelLaw(

@@ -121,10 +121,10 @@ def joint_named(name: str, robot: Robot) -> Joint | None:
 
 def path_to(joint: Joint, robot: Robot) -> list[Joint]:
     """Return the joints from the base to one, which is the last."""
-    found = [joint]
-    while found[0].parent != robot.base:
-        found.insert(0, robot.urdf.parents[found[0].parent])
-    return found
+    path = [joint]
+    while path[0].parent != robot.base:
+        path.insert(0, robot.urdf.parents[path[0].parent])
+    return path
 
 
 def drive_axis(joint: Joint) -> str:
@@ -156,9 +156,9 @@ def link_of(site: str, robot: Robot) -> str:
     return next(joint.parent for joint in robot.places if joint.name == name)
 
 
-def same_site(one: Site, other: Site) -> bool:
+def same_site(site: Site, other: Site) -> bool:
     """Return whether two sites are the same place of the chain."""
-    return (one.joint, one.before) == (other.joint, other.before)
+    return (site.joint, site.before) == (other.joint, other.before)
 
 
 def site_names(robot: Robot) -> tuple[str, ...]:

@@ -25,12 +25,12 @@ SHARES = (0.01, 0.05, 0.2)
 def _places(records: Records) -> list[Location]:
     linkage = records.robot.linkage
     hinges = [name for name in linkage.passive if joint_named(name, records.robot).kind != "prismatic"]  # pyright: ignore
-    return [Location(name) for name in (*hinges, *(one.name for one in (*linkage.loops, *linkage.cylinders)))]
+    return [Location(name) for name in (*hinges, *(closure.name for closure in (*linkage.loops, *linkage.cylinders)))]
 
 
 def across(name: str, robot: Robot) -> Array:
     """Return the (3, 3) projection on the directions in which a pin with play is held."""
-    loop = next((one for one in robot.linkage.loops if one.name == name), None)
+    loop = next((closure for closure in robot.linkage.loops if closure.name == name), None)
     if loop is not None:
         return np.eye(3) - (loop.kind in ("revolute", "cylindrical")) * np.outer(loop.axis, loop.axis)
     joint = joint_named(name, robot)

@@ -62,7 +62,9 @@ def unusual(effect: Effect, view: Solved, context: Context) -> float:
         each = law.features(location, effect.inner, view, context) * effect.acting[:, None] / usual
         much = max(much, float((each**2).sum(axis=(1, 2)).mean()))
     if _is_given(effect) or law.remembers_load(location):
-        single = (full(own, location, len(law.amplitudes)) + effect.inner for own in np.diag(effect.acting))
+        single = (
+            full(amplitudes, location, len(law.amplitudes)) + effect.inner for amplitudes in np.diag(effect.acting)
+        )
         each = [_given(replace(effect, values=values), view, context) for values in single]
         much = max(much, float((np.array(each) ** 2).sum(axis=0).max()))
     return much
@@ -125,14 +127,14 @@ def _given(effect: Effect, view: Solved, context: Context) -> Array:
     As a share of `MOST_GIVE` times what is plausible of the law.
     """
     arm, law, site = view.arm, effect.law, effect.location.site
-    some, largest = _some(view), _largest(site, context)
+    sampled, largest = _some(view), _largest(site, context)
     most = MOST_GIVE * np.repeat([law.plausible.shift, law.plausible.turn], 3)
     if law.remembers_load(effect.location):
-        return np.broadcast_to(_following(effect, view) * largest / most, (len(some), 6))
+        return np.broadcast_to(_following(effect, view) * largest / most, (len(sampled), 6))
     bound = BoundTwist(effect, resolve(effect.location, arm.robot, arm.flexures))
-    row = context.row.some(view.rows[some])
-    own = np.broadcast_to(bound.tangent(view.load_at(site)[some], row), (len(some), 6, 6))
-    given = np.abs(np.einsum("rii->ri", own)) * largest
+    row = context.row.some(view.rows[sampled])
+    compliance = np.broadcast_to(bound.tangent(view.load_at(site)[sampled], row), (len(sampled), 6, 6))
+    given = np.abs(np.einsum("rii->ri", compliance)) * largest
     if not bound.proportional:  # what is saturated gives less
         given = np.minimum(given, np.abs(bound.twist(np.broadcast_to(largest, given.shape), row)))
     return given / most
@@ -153,19 +155,19 @@ def _gives(effect: Effect, view: Solved, context: Context, declared: Manipulator
     arm, law = view.arm, effect.law
     here = resolve(effect.location, arm.robot, arm.modelled)
     bound = BoundTwist(effect, resolve(effect.location, arm.robot, arm.flexures))
-    some = _some(view)
-    wrenches, row = view.load_at(effect.location.site)[some], context.row.some(view.rows[some])
-    own = np.broadcast_to(bound.tangent(wrenches, row), (len(some), 6, 6))
-    good = _is_stiff(np.abs(np.einsum("...ii->...i", own)))
+    sampled = _some(view)
+    wrenches, row = view.load_at(effect.location.site)[sampled], context.row.some(view.rows[sampled])
+    compliance = np.broadcast_to(bound.tangent(wrenches, row), (len(sampled), 6, 6))
+    good = _is_stiff(np.abs(np.einsum("...ii->...i", compliance)))
     if law.passive:  # the whole compliance has a positive diagonal, and couplings within it
         total = np.zeros((6, 6)) if here.base_law is None else here.base_law.tangent(wrenches, row)
-        total = np.broadcast_to(total, own.shape) + own
+        total = np.broadcast_to(total, compliance.shape) + compliance
         along = np.einsum("rii->ri", total)
         if not bound.proportional:  # a polynomial's slope turns around long before its twist does
-            features = law.features(effect.location, effect.inner, view, context)[some]
+            features = law.features(effect.location, effect.inner, view, context)[sampled]
             twists, loaded = np.einsum("mkn,k->mn", features, effect.acting), np.abs(wrenches) > 0.0
             slopes = np.divide(twists, wrenches, where=loaded, out=np.zeros_like(wrenches))
-            along = along + np.where(loaded, slopes - np.einsum("rii->ri", own), 0.0)
+            along = along + np.where(loaded, slopes - np.einsum("rii->ri", compliance), 0.0)
         before = resolve(effect.location, arm.robot, declared.modelled).base_law
         if not (before is None or here.base_law is None):
             # While a law is missing calibration bends the compliance to make up for it: it had more before.
@@ -184,9 +186,9 @@ def _gives(effect: Effect, view: Solved, context: Context, declared: Manipulator
         good &= (coupled <= slack * root[:, :, None] * root[:, None, :] + least).all(axis=(1, 2))
         if bound.here.base_law is None:
             good &= np.linalg.eigvalsh(0.5 * (total + total.transpose(0, 2, 1)))[:, 0] >= -least[:, 0, 0]
-    return bool(2 * good.sum() >= len(some))
+    return bool(2 * good.sum() >= len(sampled))
 
 
-def _is_stiff(own: Array) -> np.ndarray:
+def _is_stiff(compliance: Array) -> np.ndarray:
     """Return (...,) whether a (..., 6) compliance is no softer than a joint can be."""
-    return np.all(own < SOFTER * np.repeat(SOFTEST, 3), axis=-1)
+    return np.all(compliance < SOFTER * np.repeat(SOFTEST, 3), axis=-1)

@@ -20,12 +20,12 @@ PPM = 1e-6
 
 def _places(records: Records) -> list[Location]:
     """Return it as it is, and with each temperature; of stars where one is read."""
-    found = []
+    locations = []
     for first in (0, 1) if records.stars else (0,):
-        found.append(Location(BASE, terms=(first,)))
+        locations.append(Location(BASE, terms=(first,)))
         for name in records.temperatures:
-            found += [Location(BASE, None, (name,), terms) for terms in ((first + 2,), (first, first + 2))]
-    return found
+            locations += [Location(BASE, None, (name,), terms) for terms in ((first + 2,), (first, first + 2))]
+    return locations
 
 
 def _weights(location: Location, row: Row) -> tuple[Array | float, ...]:

@@ -24,8 +24,8 @@ def _places(records: Records) -> list[Location]:
 
 
 def _moved(here: Here, view: Solved, context: Context) -> Array:
-    own = np.array([context.sessions[row] == here.location.partner for row in view.rows])
-    return own[:, None, None] * np.eye(6)
+    in_session = np.array([context.sessions[row] == here.location.partner for row in view.rows])
+    return in_session[:, None, None] * np.eye(6)
 
 
 def _change(effect: Effect, model: Model) -> Model:

@@ -98,11 +98,11 @@ def lagged(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
 def follow(time: Array, values: Array, lag: float) -> Array:
     """Return (N,) y of y' = (x - y) / lag, x straight between the rows, y = x at the earliest."""
     order = np.argsort(time, kind="stable")
-    step, known = np.diff(time[order]), values[order]
+    step, ordered = np.diff(time[order]), values[order]
     moves = step > 0.0
-    ahead = np.diff(known) / np.where(moves, step, 1.0) * lag
+    ahead = np.diff(ordered) / np.where(moves, step, 1.0) * lag
     state = np.empty(len(values))
-    state[order] = lag_behind(known, ahead, np.where(moves, np.exp(-step / lag), np.nan))
+    state[order] = lag_behind(ordered, ahead, np.where(moves, np.exp(-step / lag), np.nan))
     return state
 
 
@@ -190,10 +190,10 @@ def turning_terms(first: int, coupled: int) -> tuple[tuple[int, ...], ...]:
         coupled: Amplitude of the first of `CROSSED`.
     """
     together = ((0, 1), (0, 2), (1, 2), (0, 1, 2))
-    alone = tuple(tuple(first + i for i in some) for some in together)
+    alone = tuple(tuple(first + i for i in members) for members in together)
     with_pairs = (
-        (*own, *(coupled + k for k, pair in enumerate(PAIRS) if set(pair) <= set(some)))
-        for own, some in zip(alone, together, strict=True)
+        (*single, *(coupled + k for k, pair in enumerate(PAIRS) if set(pair) <= set(members)))
+        for single, members in zip(alone, together, strict=True)
     )
     return (*alone, *with_pairs)
 
@@ -225,21 +225,21 @@ def lag_behind(values: Array, ahead: Array, decay: Array) -> Array:
         ahead: (N - 1,) their rise within the lag, from each row to the next.
         decay: (N - 1,) what is left over that time of being off; NaN where no time passes.
     """
-    found = values[:1].tolist()
+    lagged = values[:1].tolist()
     rows = zip(values.tolist(), values[1:].tolist(), ahead.tolist(), decay.tolist(), strict=False)
     for before, value, rise, left in rows:  # numbers of Python: an array's take three times as long one by one
-        state = found[-1]
-        found.append(state if left != left else value - rise + (state - before + rise) * left)
-    return np.array(found)
+        state = lagged[-1]
+        lagged.append(state if left != left else value - rise + (state - before + rise) * left)
+    return np.array(lagged)
 
 
 def play_in(load: Array, radius: float) -> Array:
     """Return the (N,) play operator of a (N,) load: what it drags along once it is a radius away."""
-    found, state = [], 0.0
+    loads, state = [], 0.0
     for x in load.tolist():
         state = min(max(state, x - radius), x + radius)
-        found.append(state)
-    return np.array(found)
+        loads.append(state)
+    return np.array(loads)
 
 
 def coordinates(name: str, count: int) -> tuple[Inner, ...]:
@@ -275,10 +275,10 @@ def force_at(force: Array, lever: Array) -> Array:
     return np.concatenate([force, cross(lever, force)], axis=-1)[..., None, :]
 
 
-def cross(one: Array, other: Array) -> Array:
+def cross(vector: Array, other: Array) -> Array:
     """Return (..., 3) cross products; for single vectors a quarter of numpy's time."""
-    (a, b, c), (x, y, z) = ([part[..., i] for i in range(3)] for part in (one, other))
+    (a, b, c), (x, y, z) = ([part[..., i] for i in range(3)] for part in (vector, other))
     first = np.asarray(b * z - c * y)
-    found = np.empty((*first.shape, 3))
-    found[..., 0], found[..., 1], found[..., 2] = first, c * x - a * z, a * y - b * x
-    return found
+    product = np.empty((*first.shape, 3))
+    product[..., 0], product[..., 1], product[..., 2] = first, c * x - a * z, a * y - b * x
+    return product

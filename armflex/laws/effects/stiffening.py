@@ -10,7 +10,7 @@ from armflex.laws.terms import Kind, Term, part
 
 def _terms(here: Here, inner: Values) -> list[list[Term]]:
     load, size = part(here.direction), part(here.direction, Kind.SIZE)
-    return [[Term(here.direction, features=own)] for own in ((load, size), (load, load, load))]
+    return [[Term(here.direction, features=factors)] for factors in ((load, size), (load, load, load))]
 
 
 STIFFENING = TwistLaw(

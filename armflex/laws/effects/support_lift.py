@@ -34,22 +34,22 @@ def _places(records: Records) -> list[Location]:
     A telescope is balanced: its weight is a force without a moment. Another arm's stop feels the moment, which follows
     from the force and the position and which `stiffening` is over: there the stop is at an angle.
     """
-    found = []
+    locations = []
     for joint in records.robot.moving:
         if records.axes(joint.name) != AXES:
             continue
-        own = drive_axis(joint)
+        drive = drive_axis(joint)
         if joint.kind != "prismatic":
-            found += [Location(joint.name, own, (f"q_{joint.name}",), (0,), side) for side in ("q", "-q")]
+            locations += [Location(joint.name, drive, (f"q_{joint.name}",), (0,), side) for side in ("q", "-q")]
         for axis in AXES_TURN if records.stars else ():
-            for force in (one for one in WRENCH_NAMES[:3] if one[1] != axis[1]):
-                found += [Location(joint.name, axis, (), (1,), force)]
-                found += [
+            for force in (name for name in WRENCH_NAMES[:3] if name[1] != axis[1]):
+                locations += [Location(joint.name, axis, (), (1,), force)]
+                locations += [
                     Location(joint.name, axis, (), terms, side + force)
                     for side in ("", "-")
                     for terms in ((0,), (0, 1))
                 ]
-    return found
+    return locations
 
 
 def _way(partner: str) -> tuple[float, Array]:

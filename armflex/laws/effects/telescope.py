@@ -58,7 +58,7 @@ def _terms(here: Here, inner: Values) -> list[list[Term]]:
         parts[k, : k + 1] = (length**k - declared**k).coef
     twist = block_diagonal(np.zeros((3, 3)), np.outer(along, along))
     each = (np.einsum("kn,kij->nij", parts, bending(along)), np.einsum("n,ij->nij", parts[1], twist))
-    return [[straight(own, *powers(own_column(here), n)) for n, own in enumerate(one)] for one in each]
+    return [[straight(matrix, *powers(own_column(here), n)) for n, matrix in enumerate(matrices)] for matrices in each]
 
 
 TELESCOPE = TwistLaw(

@@ -29,11 +29,11 @@ def _along(location: Location, context: Context) -> Values:
     if joint is None:  # the tool's link
         return 1.0, 0.5
     turned = np.eye(3)[AXES_TURN.index(location.axis or AXES_TURN[0])]
-    for one in reversed(path_to(joint, robot)):
-        if one is not joint and one in robot.jointed:
-            same = one.kind != "prismatic" and abs(turned @ one.axis) > PARALLEL
+    for outer in reversed(path_to(joint, robot)):
+        if outer is not joint and outer in robot.jointed:
+            same = outer.kind != "prismatic" and abs(turned @ outer.axis) > PARALLEL
             return (1.0, 0.5) if same else (1.0, 0.5, 0.0)
-        turned = one.rotation @ turned
+        turned = outer.rotation @ turned
     return 1.0, 0.5
 
 

@@ -15,7 +15,7 @@ def _places(records: Records) -> list[Location]:
     """Return the axes alone and together, without one along gravity alone: a force that is always down is a mass."""
     down = records.robot.gravity / max(float(np.linalg.norm(records.robot.gravity)), 1e-9)
     places = singly_and_together((TOOL,), (0, 1, 2), axes=AXES[:3])
-    return [one for one in places if one.axis is None or abs(down[AXES.index(one.axis)]) < ALONG]
+    return [location for location in places if location.axis is None or abs(down[AXES.index(location.axis)]) < ALONG]
 
 
 TIP_FORCE = LoadLaw(

@@ -78,8 +78,8 @@ TENTS = tuple(f"a{i}" for i in range(KNOTS))
 
 def _at_all(records: Records, columns: Iterable[tuple[str, ...]]) -> list[Location]:
     """Return the base, every joint and the tool with each axis and each of some columns."""
-    sites, some = (BASE, *records.joints, TOOL), list(columns)
-    return [Location(site, axis, names) for site in sites for axis in records.axes(site) for names in some]
+    sites, groups = (BASE, *records.joints, TOOL), list(columns)
+    return [Location(site, axis, names) for site in sites for axis in records.axes(site) for names in groups]
 
 
 def everywhere(records: Records, columns: int = 1) -> list[Location]:

@@ -14,7 +14,7 @@ from armflex.laws.effects.location import Here, Location
 
 def _lost(here: Here, view: Solved, context: Context) -> Array:
     """Return the (M, 1, 1) change of the tension per share that is lost."""
-    spring = next(one for one in view.arm.springs if one.name == here.location.site)
+    spring = next(weak for weak in view.arm.springs if weak.name == here.location.site)
     whole = replace(spring.law, strength=1.0)
     return -np.array([whole.tension(length) for length in view.length_of(spring).tolist()])[:, None, None]
 
@@ -23,7 +23,10 @@ def _change(effect: Effect, model: Model) -> Model:
     def changed(law):
         return replace(law, strength=law.strength - effect.amplitudes[0])
 
-    springs = [replace(one, law=changed(one.law)) if one.name == effect.location.site else one for one in model.springs]
+    springs = [
+        replace(spring, law=changed(spring.law)) if spring.name == effect.location.site else spring
+        for spring in model.springs
+    ]
     return replace(model, springs=tuple(springs))
 
 

@@ -54,26 +54,26 @@ class Carried(Composed):
     @cached_property
     def constant(self) -> Array | None:
         """A C A' where there is a C, as symmetric as that."""
-        known = self.law.constant
-        if known is None:
+        constant = self.law.constant
+        if constant is None:
             return None
-        moved = self.action @ known @ self.action.T
-        return 0.5 * (moved + moved.T) if (known == known.T).all() else moved
+        moved = self.action @ constant @ self.action.T
+        return 0.5 * (moved + moved.T) if (constant == constant.T).all() else moved
 
     def terms(self) -> Terms:
         return [term.carried(self.action) for term in self.law.terms()]
 
     def affine(self, row: Row) -> tuple[Array, Array] | None:
-        known = self.law.affine(row)
-        return None if known is None else (known[0] @ self.action.T, self.action @ known[1] @ self.action.T)
+        affine = self.law.affine(row)
+        return None if affine is None else (affine[0] @ self.action.T, self.action @ affine[1] @ self.action.T)
 
     def compliance_bound(self, ranges: Ranges) -> Array | None:
         """Return bounds of the transported tangent's blocks, by those of A where the compliance is not constant."""
         if self.constant is not None:
             return block_norms(self.constant)
-        known = self.law.compliance_bound(ranges)
+        bound = self.law.compliance_bound(ranges)
         carried = np.linalg.norm(self.action.reshape(2, 3, 2, 3), ord=2, axis=(1, 3))
-        return None if known is None else carried @ known @ carried.T
+        return None if bound is None else carried @ bound @ carried.T
 
 
 @dataclass(frozen=True)
@@ -142,8 +142,8 @@ class ScaledLaw(Carried):
 
 def scaled(law: Law, factor: Array) -> Law:
     """Return S f(S w), S = diag of (6,) factors, as a law of the same kind where there is one."""
-    known = law.scaled(_one_factor(law, factor))
-    return ScaledLaw(law, 2.0 * np.log(factor)) if known is None else known
+    scaled_law = law.scaled(_one_factor(law, factor))
+    return ScaledLaw(law, 2.0 * np.log(factor)) if scaled_law is None else scaled_law
 
 
 def _one_factor(law: Law, factor: Array) -> Array:

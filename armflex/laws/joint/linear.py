@@ -138,9 +138,9 @@ class LinearLaw(Law):
         if self.fit is None:
             return np.swapaxes((SYMMETRIC @ wrench[..., None, :, None])[..., 0], -1, -2)
         size = len(self.fit.residual_std)
-        found = np.zeros((*wrench.shape, size, size))
-        found[..., range(size), range(size), :] = wrench[..., None, :size]
-        return found.reshape(*wrench.shape, -1)
+        by_entries = np.zeros((*wrench.shape, size, size))
+        by_entries[..., range(size), range(size), :] = wrench[..., None, :size]
+        return by_entries.reshape(*wrench.shape, -1)
 
     def scatter(self, wrench: Array, row: Row) -> Array | None:
         return None if self.fit is None else embed(np.diag(self.fit.residual_std**2))
@@ -155,8 +155,8 @@ class LinearLaw(Law):
 
     def certain(self) -> LinearLaw:
         fit = self.fit
-        known = None if fit is None else replace(fit, row_covariance=np.zeros_like(fit.row_covariance))
-        return replace(self, relative_std=0.0, fit=known)
+        fit_without_scatter = None if fit is None else replace(fit, row_covariance=np.zeros_like(fit.row_covariance))
+        return replace(self, relative_std=0.0, fit=fit_without_scatter)
 
     def freed(self, row: Row) -> tuple[int, ...]:
         """Return the axes that give, of a fitted compliance, too: it is one all the same."""
@@ -168,8 +168,8 @@ class LinearLaw(Law):
         if not np.allclose(self.compliance, self.compliance.T, rtol=1e-9, atol=0.0):
             return None
         if self.fit is not None:
-            known = np.sqrt([self.fit.row_covariance[axis, axis, axis] for axis in axes])
-            std = tuple(np.clip(known / np.diag(self.compliance)[list(axes)], FIRMEST, LOOSE).tolist())
+            stds = np.sqrt([self.fit.row_covariance[axis, axis, axis] for axis in axes])
+            std = tuple(np.clip(stds / np.diag(self.compliance)[list(axes)], FIRMEST, LOOSE).tolist())
         elif self._sole is not None and len(axes) > 1:
             return ScaledLaw(self.certain(), np.zeros(6), (self._sole,), self.relative_std or LOOSE)
         return LogCompliance(self, axes, std, np.zeros(len(axes) * (len(axes) + 1) // 2))

@@ -56,22 +56,24 @@ class LogCompliance(Compliance):
         names = ["/".join(dict.fromkeys((TWIST_NAMES[i], TWIST_NAMES[j]))) for i, j in self._entries]
         alike, count = not isinstance(self.std, tuple), len(self.axes)
         stds = self.std if isinstance(self.std, tuple) else (self.std,) * count
-        own = [
+        parameters = [
             Parameter(name, "1", std, Transform.LOG, "factors" if alike else f"factor {name}")
             for name, std in zip(names[:count], stds, strict=True)
         ]
-        own += [Parameter(name, "1", COUPLED, group="couplings", sized=True) for name in names[count:]]
+        parameters += [Parameter(name, "1", COUPLED, group="couplings", sized=True) for name in names[count:]]
         for power in range(1, self.degree + 1):
-            own += [Parameter(f"{name}@{power}", "1", BENT, group=f"position {power}", sized=True) for name in names]
-        return tuple(own)
+            parameters += [
+                Parameter(f"{name}@{power}", "1", BENT, group=f"position {power}", sized=True) for name in names
+            ]
+        return tuple(parameters)
 
     def at(self, values: Array) -> LogCompliance:
         return replace(self, values=values)
 
     def compliance(self, row: Row) -> Array:
         size, vectors = self._eigen(row)
-        own = self._slim(row) @ vectors
-        return (own * np.exp(size)[..., None, :]) @ np.swapaxes(own, -1, -2)
+        axes = self._slim(row) @ vectors
+        return (axes * np.exp(size)[..., None, :]) @ np.swapaxes(axes, -1, -2)
 
     @cached_property
     def constant(self) -> Array | None:
@@ -97,11 +99,11 @@ class LogCompliance(Compliance):
     def by_values(self, wrench: Array, row: Row) -> Array:
         """Return the derivative, exp's being known where T is diagonal (Daleckii and Krein)."""
         size, vectors = self._eigen(row)
-        own, turned = self._slim(row) @ vectors, vectors[..., None, :, :]
+        axes, turned = self._slim(row) @ vectors, vectors[..., None, :, :]
         units = np.swapaxes(turned, -1, -2) @ self._units @ turned
-        load = (np.swapaxes(own, -1, -2) @ wrench[..., None])[..., 0]
+        load = (np.swapaxes(axes, -1, -2) @ wrench[..., None])[..., 0]
         change = ((_divided(size)[..., None, :, :] * units) @ load[..., None, :, None])[..., 0]
-        by_entry = own @ np.swapaxes(change, -1, -2)
+        by_entry = axes @ np.swapaxes(change, -1, -2)
         return np.concatenate([by_entry * power for power in self._powers(row, 2)], axis=-1)
 
     def scatter(self, wrench: Array, row: Row) -> Array | None:

@@ -176,12 +176,12 @@ class NetworkLaw(Law):
         return replace(self, weight_covariance=None)
 
     def by_values(self, wrench: Array, row: Row) -> Array:
-        found = np.zeros((*wrench.shape, len(self.values)))
-        if found.size:
+        by_value = np.zeros((*wrench.shape, len(self.values)))
+        if by_value.size:
             scaled = (wrench[..., : self.size] - self.input_mean) / self.input_scale
             by_weights = weight_jacobian(scaled, self.values, self.size)
-            found[..., : self.size, :] = self.output_scale[:, None] * by_weights
-        return found
+            by_value[..., : self.size, :] = self.output_scale[:, None] * by_weights
+        return by_value
 
     def scatter(self, wrench: Array, row: Row) -> Array:
         """Return the noise, and by what the answers of several networks differ."""

@@ -63,8 +63,8 @@ class OilColumn(Compliance):
         (head, ring), dead = self.areas, self.dead_volume
         first, second = head * (length - self.lower) + dead, ring * (self.upper - length) + dead
         softness = first * second / (self.bulk_modulus * (head**2 * second + ring**2 * first))
-        found = self.factor * softness
-        return (found[..., None, None] if isinstance(found, np.ndarray) else found) * ALONG
+        compliance = self.factor * softness
+        return (compliance[..., None, None] if isinstance(compliance, np.ndarray) else compliance) * ALONG
 
     def terms(self) -> Terms:
         """Return the same within the stroke: with u = q - lower, V1 V2 / (A1^2 V2 + A2^2 V1) by polynomial division."""
@@ -91,7 +91,9 @@ class OilColumn(Compliance):
 
     def compliance_bound(self, ranges: Ranges) -> Array | None:
         """Return the norms of a compliance that both sides full of oil would have."""
-        full = [self.bulk_modulus * one**2 / (one * (self.upper - self.lower) + self.dead_volume) for one in self.areas]
+        full = [
+            self.bulk_modulus * area**2 / (area * (self.upper - self.lower) + self.dead_volume) for area in self.areas
+        ]
         return block_norms(self.factor / sum(full) * ALONG)
 
     def gives(self, row: Row) -> tuple[int, ...]:

@@ -308,9 +308,9 @@ def perceptron_of(module: Any, size: int) -> tuple[Layer, ...]:
                 layers.append(Layer(np.eye(width), np.zeros(width), "Identity"))
             layers[-1] = Layer(layers[-1].weight, layers[-1].bias, kind)
         else:
-            known = ["Linear", "Sequential", *NAMES, *IDLE]
+            modules = ["Linear", "Sequential", *NAMES, *IDLE]
             text = f"the module has a {kind}, which is no linear layer or activation"
-            raise LawError(f"{text} (known: {', '.join(dict.fromkeys(known))}); {IN_PYTHON}")
+            raise LawError(f"{text} (known: {', '.join(dict.fromkeys(modules))}); {IN_PYTHON}")
     _check_same(module, tuple(layers), size)
     return tuple(layers)
 

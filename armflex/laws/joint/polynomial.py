@@ -86,10 +86,10 @@ class PolynomialLaw(Law):
         check_ordered(self.loads)
         if (self.residual_std < 0.0).any():
             raise LawError("a scatter is negative")
-        known = _known(self.residual_std.size)
+        features = _known(self.residual_std.size)
         for name in self.features:
-            if name not in known:
-                size, hint = self.residual_std.size, did_you_mean(name, known)
+            if name not in features:
+                size, hint = self.residual_std.size, did_you_mean(name, features)
                 raise LawError(f"{name!r} is no feature of a load of {size} components{hint}")
         if len(set(self.features)) < len(self.features):
             raise LawError(f"a feature is there twice: {listing(self.features)}")
@@ -108,8 +108,8 @@ class PolynomialLaw(Law):
         units = ["m" if axis < 3 else "rad" for axis in range(len(stds))]
         return tuple(
             Parameter(f"{TWIST_NAMES[axis]}:{name}", f"{units[axis]}/{_unit(name)}", float(std))
-            for axis, own in enumerate(stds)
-            for name, std in zip(self.features, own, strict=True)
+            for axis, axis_stds in enumerate(stds)
+            for name, std in zip(self.features, axis_stds, strict=True)
         )
 
     @property
@@ -131,9 +131,9 @@ class PolynomialLaw(Law):
     def by_values(self, wrench: Array, row: Row) -> Array:
         """Return the features, at the axis that each moves."""
         values, size = feature_values(wrench)[..., self._map.places], self.residual_std.size
-        found = np.zeros((*wrench.shape, size, len(self.features)))
-        found[..., range(size), range(size), :] = values[..., None, :]
-        return found.reshape(*wrench.shape, -1)
+        by_coefficient = np.zeros((*wrench.shape, size, len(self.features)))
+        by_coefficient[..., range(size), range(size), :] = values[..., None, :]
+        return by_coefficient.reshape(*wrench.shape, -1)
 
     def scatter(self, wrench: Array, row: Row) -> Array:
         return embed(np.diag(self.residual_std**2))
@@ -185,7 +185,7 @@ class FeatureMap:
 
     def terms(self, scale: Array) -> list[Term]:
         """Return the sum at loads multiplied by (6,) numbers, as terms."""
-        found = []
+        terms = []
         for place, along in zip(self.places.tolist(), self.coefficients, strict=True):
             members, name = list(_MEMBERS[place]), FEATURES[place]
             ways = [part(scale[i] * UNITS[i]) for i in members]
@@ -202,10 +202,10 @@ class FeatureMap:
             else:
                 features = tuple(ways)
             if len(features) == 1 and features[0].kind is Kind.PART:
-                found.append(Term(np.zeros(6), np.outer(along, features[0].u)))
+                terms.append(Term(np.zeros(6), np.outer(along, features[0].u)))
             else:
-                found.append(Term(along, features=features))
-        return found
+                terms.append(Term(along, features=features))
+        return terms
 
     @cached_property
     def _parts(self) -> tuple[Array, Array, Array, Array, Array | None]:
@@ -242,13 +242,13 @@ def features_of(names: str | Sequence[str], size: int) -> tuple[str, ...]:
         UnknownNameError: No such feature or group.
     """
     names = [name.strip() for name in names.split("+")] if isinstance(names, str) else names
-    groups, known = _groups(size), _known(size)
-    found = list(groups["linear"])
+    groups, features = _groups(size), _known(size)
+    chosen = list(groups["linear"])
     for name in names:
-        if name not in groups and name not in known:
-            raise UnknownNameError("feature of a load", name, (*groups, *known))
-        found += groups.get(name, (name,))
-    return tuple(dict.fromkeys(found))
+        if name not in groups and name not in features:
+            raise UnknownNameError("feature of a load", name, (*groups, *features))
+        chosen += groups.get(name, (name,))
+    return tuple(dict.fromkeys(chosen))
 
 
 def to_tensors(law: PolynomialLaw) -> dict[str, Array]:
@@ -288,14 +288,14 @@ def _known(size: int) -> tuple[str, ...]:
 
 
 def _groups(size: int) -> dict[str, tuple[str, ...]]:
-    known = _known(size)
-    products = tuple(name for name in known if "*" in name)
+    features = _known(size)
+    products = tuple(name for name in features if "*" in name)
     return {
         "linear": WRENCH_NAMES[:size],
-        "radial": tuple(name for name in known if name.startswith("radial")),
-        "magnitude": tuple(name for name in known if name.startswith("magnitude")),
-        "absolute": tuple(name for name in known if name.startswith("|")),
+        "radial": tuple(name for name in features if name.startswith("radial")),
+        "magnitude": tuple(name for name in features if name.startswith("magnitude")),
+        "absolute": tuple(name for name in features if name.startswith("|")),
         "squares": tuple(name for name in products if name[:2] == name[3:]),
         "quadratic": products,
-        "odd": tuple(name for name in known if name[0] != "|" and name[-1] in "|3"),
+        "odd": tuple(name for name in features if name[0] != "|" and name[-1] in "|3"),
     }

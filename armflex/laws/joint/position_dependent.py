@@ -50,7 +50,7 @@ class PositionDependentLaw(Compliance):
     def parameters(self) -> tuple[Parameter, ...]:
         """An entry of each coefficient's symmetric matrix."""
         pairs = enumerate(self.coefficients)
-        return tuple(one for power, part in pairs for one in entries(part, self.relative_std, f"@{power}"))
+        return tuple(entry for power, part in pairs for entry in entries(part, self.relative_std, f"@{power}"))
 
     @property
     def values(self) -> Array:

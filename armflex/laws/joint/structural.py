@@ -127,8 +127,8 @@ class StructuralLaw(Composed):
     @cached_property
     def held(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
         """For each sub-joint its places among the node dofs and the components of its law that it holds."""
-        own = [np.array([i for i in sub.holds if i < self.components], dtype=int) for sub in self.subjoints]
-        return tuple((self._dofs(sub.node)[i], i) for sub, i in zip(self.subjoints, own, strict=True))
+        axes = [np.array([i for i in sub.holds if i < self.components], dtype=int) for sub in self.subjoints]
+        return tuple((self._dofs(sub.node)[i], i) for sub, i in zip(self.subjoints, axes, strict=True))
 
     @property
     def laws(self) -> tuple[Law, ...]:
@@ -142,16 +142,16 @@ class StructuralLaw(Composed):
     def parameters(self) -> tuple[Parameter, ...]:
         """Those of all sub-joints, after the number and the node of each, and sized with it."""
         return tuple(
-            replace(one, name=f"{number}@{sub.node}:{one.name}", group=f"sub-joint {number}")
+            replace(parameter, name=f"{number}@{sub.node}:{parameter.name}", group=f"sub-joint {number}")
             for number, sub in enumerate(self.subjoints, 1)
-            for one in sub.law.parameters
+            for parameter in sub.law.parameters
         )
 
     @cached_property
     def constant(self) -> Array | None:
         """(6, 6) condensed compliance when every sub-joint's is constant, else None."""
-        known = self._constants
-        return self._condense(self._system(known)) if len(known) == len(self.subjoints) else None
+        constants = self._constants
+        return self._condense(self._system(constants)) if len(constants) == len(self.subjoints) else None
 
     @property
     def _constants(self) -> list[Array]:
@@ -198,8 +198,8 @@ class StructuralLaw(Composed):
             rows, flat = row.repeated(len(wrench)), wrench.reshape(-1, 6)
             each = [self.shares(load, rows.some(i)) for i, load in enumerate(flat)]
             return [
-                (np.array([gain for gain, _ in own]), np.array([load for _, load in own]))
-                for own in zip(*each, strict=True)
+                (np.array([gain for gain, _ in pairs]), np.array([load for _, load in pairs]))
+                for pairs in zip(*each, strict=True)
             ]
         _, tangents, loads = self._solve(wrench, row)
         return list(zip(self._gains(self._system(tangents)), loads, strict=True))
@@ -209,8 +209,8 @@ class StructuralLaw(Composed):
         if self.constant is None:
             return None
         laws = []
-        for sub, own, (_, held) in zip(self.subjoints, self._constants, self.held, strict=True):
-            axes, sole = tuple(int(axis) for axis in held if own[axis, axis] > 0.0), sole_axis(own)
+        for sub, compliance, (_, held) in zip(self.subjoints, self._constants, self.held, strict=True):
+            axes, sole = tuple(int(axis) for axis in held if compliance[axis, axis] > 0.0), sole_axis(compliance)
             axes = axes if sole is None or not axes else (sole,)
             laws.append(ScaledLaw(sub.law, np.zeros(6), axes, sub.law.relative_std or LOOSE))
         return self.with_laws(laws)
@@ -237,16 +237,16 @@ class StructuralLaw(Composed):
 
     def _by_subjoint(self, held: Array) -> list[Array]:
         """Return (m, ...) numbers, one for every component that is held, as (6, ...) of each sub-joint."""
-        found = [np.zeros((6, *held.shape[1:])) for _ in self.held]
-        for whole, (places, own) in zip(found, self._held_places, strict=True):
-            whole[own] = held[places - self._size]
-        return found
+        held_by = [np.zeros((6, *held.shape[1:])) for _ in self.held]
+        for whole, (places, axes) in zip(held_by, self._held_places, strict=True):
+            whole[axes] = held[places - self._size]
+        return held_by
 
     @cached_property
     def _held_places(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """For each sub-joint the places of its loads among all unknowns, and the components that they are."""
-        ends = self._size + np.cumsum([len(own) for _, own in self.held])
-        return [(np.arange(end - len(own), end), own) for end, (_, own) in zip(ends, self.held, strict=True)]
+        ends = self._size + np.cumsum([len(axes) for _, axes in self.held])
+        return [(np.arange(end - len(axes), end), axes) for end, (_, axes) in zip(ends, self.held, strict=True)]
 
     @cached_property
     def _seen(self) -> Array:
@@ -260,12 +260,12 @@ class StructuralLaw(Composed):
 
     def _system(self, compliances: Sequence[Array]) -> Array:
         """Return the scaled (kn + m, kn + m) matrix of the two equations above; loads are in units of `scale`."""
-        total = self._size + sum(len(own) for _, own in self.held)
+        total = self._size + sum(len(axes) for _, axes in self.held)
         matrix = np.zeros((total, total))
         matrix[: self._size, : self._size] = self.beam_stiffness / self.scale
-        for (places, own), (loads, _), compliance in zip(self.held, self._held_places, compliances, strict=True):
+        for (places, axes), (loads, _), compliance in zip(self.held, self._held_places, compliances, strict=True):
             matrix[places, loads] = matrix[loads, places] = 1.0
-            matrix[np.ix_(loads, loads)] = -self.scale * compliance[np.ix_(own, own)]
+            matrix[np.ix_(loads, loads)] = -self.scale * compliance[np.ix_(axes, axes)]
         return matrix
 
     @cached_property
@@ -300,8 +300,8 @@ class StructuralLaw(Composed):
             tangents = [sub.law.tangent(load, row) for sub, load in asked]
             residual = self._rigid @ state
             residual[: self._size] -= self._seen.T @ wrench / self.scale
-            for (sub, load), (places, own) in zip(asked, self._held_places, strict=True):
-                residual[places] -= sub.law.twist(load, row)[own]
+            for (sub, load), (places, axes) in zip(asked, self._held_places, strict=True):
+                residual[places] -= sub.law.twist(load, row)[axes]
             history.append(float(np.abs(residual).max()))
             if history[-1] <= TOLERANCE * (np.abs(state).max() + np.abs(wrench).max() / self.scale):
                 return self._seen @ state[: self._size], tangents, loads
@@ -323,7 +323,7 @@ def to_tensors(law: StructuralLaw) -> dict[str, Array]:
     number, subjoints = {name: float(i) for i, name in enumerate(law.nodes)}, law.subjoints
     linear: list[Any] = [sub.law for sub in subjoints]  # as they are where a structure was fitted
     bars: list[Any] = [*law.beams]
-    beams = [(number[one.start], number[one.end], *vars(one.section).values(), *one.up) for one in bars]
+    beams = [(number[bar.start], number[bar.end], *vars(bar.section).values(), *bar.up) for bar in bars]
     return {
         "nodes": np.array(list(law.nodes.values()), dtype=float),
         "tip": np.array([number[law.tip], float(law.components)]),
@@ -351,10 +351,10 @@ def from_tensors(tensors: Mapping[str, Array]) -> StructuralLaw:
 
     tip_name, subjoints = name(tip), []
     of_each = (tensors[key] for key in ("at", "holds", "compliance", "row_covariance", "loads"))
-    for at, holds, compliance, known, loads in zip(*of_each, strict=True):
+    for at, holds, compliance, covariance, loads in zip(*of_each, strict=True):
         check_compliance(0.5 * (compliance + compliance.T))
         check_ordered(loads)
-        law = LinearLaw(compliance, fit=LinearFit(known, np.zeros(6), loads))
+        law = LinearLaw(compliance, fit=LinearFit(covariance, np.zeros(6), loads))
         subjoints.append(SubJoint(name(float(at)), law, tuple(np.flatnonzero(holds > 0.5).tolist())))
     beams = tuple(Beam(name(row[0]), name(row[1]), Section(*row[2:8].tolist()), row[8:]) for row in tensors["beams"])
     return StructuralLaw(nodes, tip_name, tuple(subjoints), beams, components, tensors["noise"])

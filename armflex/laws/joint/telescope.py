@@ -58,7 +58,7 @@ def read_telescope(table: Declaration, joint: str, ranges: Ranges) -> PositionDe
 def bending(along: Array) -> Array:
     """Return the (4, 6, 6) compliance by the power of L, times EI, of a beam along a (3,) unit vector."""
     across, turned = np.eye(3) - np.outer(along, along), np.cross(np.eye(3), along)  # (n, k) -> (e_n x b)_k
-    found = np.zeros((4, 6, 6))
-    found[3, :3, :3], found[1, 3:, 3:] = across / 3.0, across
-    found[2, 3:, :3], found[2, :3, 3:] = 0.5 * turned, 0.5 * turned.T
-    return found
+    powers = np.zeros((4, 6, 6))
+    powers[3, :3, :3], powers[1, 3:, 3:] = across / 3.0, across
+    powers[2, 3:, :3], powers[2, :3, 3:] = 0.5 * turned, 0.5 * turned.T
+    return powers

@@ -101,16 +101,16 @@ def fading(base: Law, correction: Correction, wrenches: Array, row: Row) -> tupl
     """
     seen = correction.seen
     axes = np.flatnonzero(np.diag(seen.precision) > 0.0)
-    own = np.ix_(axes, axes)
+    block = np.ix_(axes, axes)
     tangent = base.tangent(wrenches, row).reshape(-1, 6, 6).mean(axis=0)
-    root = root_of(0.5 * (tangent + tangent.T))[own]
-    most = np.linalg.eigvalsh(root.T @ np.linalg.inv(seen.precision[own]) @ root)[-1]
+    root = root_of(0.5 * (tangent + tangent.T))[block]
+    most = np.linalg.eigvalsh(root.T @ np.linalg.inv(seen.precision[block]) @ root)[-1]
     if not most > 0.0:
         return NEAREST, None
     energy = np.zeros((6, 6))
-    energy[own] = root @ root.T / most
+    energy[block] = root @ root.T / most
     inverse = np.zeros((6, 6))
-    inverse[own] = np.linalg.pinv(root, rcond=1e-9)
+    inverse[block] = np.linalg.pinv(root, rcond=1e-9)
     # The largest |R^-1 c| as far out as a correction is carried: in many directions, each followed uphill.
     form, size, spread = correction.law, 0.0, np.linalg.pinv(seen.precision, rcond=1e-15)
     loads = seen.furthest(seen.directions(wrenches))
@@ -239,7 +239,7 @@ class PolynomialCorrection(Correcting):
         terms = {
             form.format(name, name): feature.format(name, name) for form, feature in forms.items() for name in names
         }
-        terms |= {f"{one}*{other}": f"{one}*{other}" for one, other in combinations(names, 2)}
+        terms |= {f"{name}*{other}": f"{name}*{other}" for name, other in combinations(names, 2)}
         both = {"f": {"fx", "fy"}, "m": {"mx", "my"}}
         radial = {"radial_f": "radial_force", "radial_m": "radial_moment"}
         return terms | {term: feature for term, feature in radial.items() if both[term[-1]] <= set(names)}

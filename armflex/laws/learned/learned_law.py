@@ -62,23 +62,25 @@ class LearnedLaw(Law):
     @cached_property
     def expected(self) -> tuple[Parameter, ...]:
         """The parameters of both, as uncertain as they were expected beforehand."""
-        return tuple(one for law in (self.free, self.form) if law is not None for one in law.parameters)
+        return tuple(parameter for law in (self.free, self.form) if law is not None for parameter in law.parameters)
 
     @cached_property
     def groups(self) -> tuple[list[int], ...]:
         """Places of the parameters of one group and size, in order, as expected beforehand."""
-        kinds = [(one.group, one.prior, one.sized) for one in self.expected]
-        return tuple(list(own) for _, own in groupby(range(len(kinds)), kinds.__getitem__))
+        kinds = [(parameter.group, parameter.prior, parameter.sized) for parameter in self.expected]
+        return tuple(list(places) for _, places in groupby(range(len(kinds)), kinds.__getitem__))
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The same with the scale that every group has now."""
-        return tuple(replace(one, prior=float(std)) for one, std in zip(self.expected, self.prior, strict=True))
+        return tuple(
+            replace(parameter, prior=float(std)) for parameter, std in zip(self.expected, self.prior, strict=True)
+        )
 
     @property
     def prior(self) -> Array:
         """(k,) prior standard deviations about zero, in the parameters' units."""
-        return np.repeat(self.scales, [len(own) for own in self.groups])
+        return np.repeat(self.scales, [len(places) for places in self.groups])
 
     @property
     def start(self) -> Array:
@@ -118,7 +120,7 @@ class LearnedLaw(Law):
 
     def without_correction(self) -> LearnedLaw:
         """Return the plain part alone."""
-        count = sum(own[-1] < self._count for own in self.groups)
+        count = sum(places[-1] < self._count for places in self.groups)
         values, scales = self.values[: self._count], self.scales[:count]
         return replace(self, form=None, values=values, scales=scales, posterior=None, reach=None)
 
@@ -132,8 +134,8 @@ class LearnedLaw(Law):
 
     def by_values(self, wrench: Array, row: Row) -> Array:
         laws = (None if self.free is None else self.plain, self.correction)
-        found = [law.by_values(wrench, row) for law in laws if law is not None]
-        return np.concatenate([np.zeros((*wrench.shape, 0)), *found], axis=-1)
+        parts = [law.by_values(wrench, row) for law in laws if law is not None]
+        return np.concatenate([np.zeros((*wrench.shape, 0)), *parts], axis=-1)
 
     def std(self, posterior: Array, wrench: Array, row: Row) -> Array:
         """Return the (..., 6) standard deviation of the twist [m, rad] for a (k, k) covariance of the values."""
@@ -150,28 +152,28 @@ class LearnedLaw(Law):
 
         Beyond the observed loads a correction may be as large as it was among them, and grow with the load.
         """
-        found = self.declared.scatter(wrench, row)
+        covariance = self.declared.scatter(wrench, row)
         if self.reach is not None:
             std = self.seen.unknown(wrench)[..., None] * self.reach
             unknown = std[..., None] ** 2 * np.eye(6)
-            found = unknown if found is None else found + unknown
-        return found
+            covariance = unknown if covariance is None else covariance + unknown
+        return covariance
 
     def certain(self) -> LearnedLaw:
         return replace(self, posterior=None)
 
     def with_posterior(self, posterior: Array, wrenches: Array, row: Row) -> LearnedLaw:
         """Return the law with the (k, k) covariance of its values, fitted at (M, 6) wrenches, all in SI units."""
-        known = replace(self, posterior=posterior)
+        posterior_law = replace(self, posterior=posterior)
         seen = replace(self.seen, loads=np.array([wrenches.min(axis=0), wrenches.max(axis=0)]))
         if self.correction is None:
-            return replace(known, seen=seen)
-        form, own = self.correction.law, posterior[self._count :, self._count :]
+            return replace(posterior_law, seen=seen)
+        form, of_form = self.correction.law, posterior[self._count :, self._count :]
         sizes, by = form.twist(wrenches, row), form.by_values(wrenches, row)
-        variance = np.einsum("nak,kl,nal->na", by, own, by, optimize=True)
+        variance = np.einsum("nak,kl,nal->na", by, of_form, by, optimize=True)
         faded, energy = fading(self.plain, self.correction, wrenches, row)
         reach = np.sqrt((sizes**2 + variance).max(axis=0))
-        return replace(known, seen=replace(seen, faded=faded, energy=energy), reach=reach)
+        return replace(posterior_law, seen=replace(seen, faded=faded, energy=energy), reach=reach)
 
     def moved(self, step: Array) -> LearnedLaw:
         """Return the law whose twist is that of a (k,) step of its values away, to first order; it has no parameters.
@@ -230,7 +232,9 @@ def learned_law(law: Law, learning: Learning, seen: Seen) -> LearnedLaw:
     if learning.model in (*NETWORKS, *TRAINED_ALONE):
         form = NetworkCorrection.start(seen, learning.neurons)
     elif learning.model in CORRECTED:
-        straight = free is None or set(TWIST_NAMES).isdisjoint(one.name for one in free.parameters)
+        straight = free is None or set(TWIST_NAMES).isdisjoint(parameter.name for parameter in free.parameters)
         form = PolynomialCorrection.start(seen, linear=straight)
-    found = LearnedLaw(law, free, form, seen, np.zeros(0), ())
-    return replace(found, values=found.start, scales=tuple(found.expected[own[0]].prior for own in found.groups))
+    learned = LearnedLaw(law, free, form, seen, np.zeros(0), ())
+    return replace(
+        learned, values=learned.start, scales=tuple(learned.expected[own[0]].prior for own in learned.groups)
+    )

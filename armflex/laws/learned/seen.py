@@ -145,8 +145,8 @@ def seen_in(law: Law, wrenches: Array, row: Row) -> Seen:
     mean, size = wrenches.mean(axis=0), np.sqrt((wrenches**2).mean(axis=0))
     largest = np.repeat([max(size[:3].max(), 1e-6), max(size[3:].max(), 1e-6)], 3)  # of the force, and of the moment
     scatter = np.cov(wrenches.T, ddof=0) + np.diag((BREADTH * largest) ** 2)
-    precision, own = np.zeros((6, 6)), np.ix_(*2 * [np.flatnonzero(twists > 0.0)])
-    precision[own] = np.linalg.inv(scatter[own])
+    precision, block = np.zeros((6, 6)), np.ix_(*2 * [np.flatnonzero(twists > 0.0)])
+    precision[block] = np.linalg.inv(scatter[block])
     loads = np.array([wrenches.min(axis=0), wrenches.max(axis=0)])
     seen = Seen(mean, precision, loads, np.maximum(size, 0.1 * largest), twists)
     return replace(seen, precision=precision / max(float(seen.distance(wrenches).max()), 1e-9) ** 2)

@@ -80,9 +80,9 @@ def accuracy(trace: Trace) -> Accuracy:
         Errors(held_out(fit, folds, judged=trace.state.judged).squares[used], state.groups[used])
         for fit in (trace.before, state.fit)
     )
-    found = repeats(measurements)
+    repeated = repeats(measurements)
     # Of those approached from the same side where there are enough.
-    again = found and (found.same_approach if found.same_approach is not None else found.same_session)
+    again = repeated and (repeated.same_approach if repeated.same_approach is not None else repeated.same_session)
     return Accuracy(
         before,
         after,

@@ -52,32 +52,35 @@ class CheckedPath:
     swing: SettlingReport | None = None
 
 
-def account(found: CheckedPath) -> SimpleNamespace:
+def account(checked: CheckedPath) -> SimpleNamespace:
     """Return what the template shows."""
-    arm, report = found.arm, found.report
-    points = report.via_points or tuple(sorted(report.rows, key=lambda one: one.badness))[:MOST]
-    swing, modes, left = _swings(found)
-    frequencies = {(one.name, one.time): one for one in modes}
-    settled = {(one.name, one.time): one for one in swing.via_points} if swing else {}
-    worst, moves = report.path_worst, "off by" if found.path.is_moved or "desired path" in found.files else "moves"
+    arm, report = checked.arm, checked.report
+    points = report.via_points or tuple(sorted(report.rows, key=lambda point: point.badness))[:MOST]
+    swing, modes, left = _swings(checked)
+    frequencies = {(modes_at.name, modes_at.time): modes_at for modes_at in modes}
+    settled = {(point.name, point.time): point for point in swing.via_points} if swing else {}
+    worst, moves = report.path_worst, "off by" if checked.path.is_moved or "desired path" in checked.files else "moves"
     asked = f"{report.tolerance_m * 1e3:g} mm"
     asked += "" if report.angle_rad is None else f" and {report.angle_rad * 1e3:g} mrad"
     verdict = "within" if report.ok else "NOT within" if worst.verdict == "fail" else "not certain to be within"
     where = f"at {worst.name}" if worst.name else f"between via-points, at {worst.time:g} s"
     cards = [
         ("Largest displacement", millimetres(worst.displacement_m, worst.sigma_m), where),
-        ("Smallest margin", millimetres(min(one.margin_m for one in (*points, worst))), f"of {asked}"),
+        ("Smallest margin", millimetres(min(point.margin_m for point in (*points, worst))), f"of {asked}"),
     ]
-    slow = min((one for one in modes if len(one.frequencies)), key=lambda one: one.frequencies[0], default=None)
+    slow = min((at for at in modes if len(at.frequencies)), key=lambda at: at.frequencies[0], default=None)
     if slow is not None:
         cards.append(("Slowest first frequency", f"{slow.frequencies[0]:.3g} Hz", f"at {slow.name}"))
     if swing and swing.via_points:
-        last = max(swing.via_points, key=lambda one: one.settle_s)
-        note = f"until within {found.within * 1e3:g} mm, at {last.name or 'the last row'}"
+        last = max(swing.via_points, key=lambda point: point.settle_s)
+        note = f"until within {checked.within * 1e3:g} mm, at {last.name or 'the last row'}"
         cards.append(("Longest settling", f"{number(last.settle_s, 3)} s", note))
     angle = report.angle_rad is not None
     head = ["via-point", "time s", "payload", f"{moves} mm", "margin mm", "turns mrad", *(["margin mrad"] * angle)]
-    rows = tuple(_row(one, frequencies.get((one.name, one.time)), settled.get((one.name, one.time))) for one in points)
+    rows = tuple(
+        _row(point, frequencies.get((point.name, point.time)), settled.get((point.name, point.time)))
+        for point in points
+    )
     flags = dict.fromkeys((*arm.flags, *report.flags, *(swing.flags if swing else ())))
     return SimpleNamespace(
         title=f"{arm.robot.urdf.name}: loaded path against {asked}",
@@ -87,26 +90,30 @@ def account(found: CheckedPath) -> SimpleNamespace:
             "The displacement is that of the loaded tip from where "
             + ("it is meant to be." if moves == "off by" else "the rigid arm would have it."),
             *([] if report.via_points else [f"The path names no via-points: its {len(points)} worst rows are listed."]),
-            *(f"{one.name or 'between'} at {one.time:g} s: {one.reason}." for one in (*points, worst) if one.reason),
+            *(
+                f"{point.name or 'between'} at {point.time:g} s: {point.reason}."
+                for point in (*points, worst)
+                if point.reason
+            ),
         ),
         cards=tuple(cards),
-        picture=_picture(found, points),
-        bars=_bars(found, points),
+        picture=_picture(checked, points),
+        bars=_bars(checked, points),
         head=[*head, "verdict", "cause", "first frequency Hz", "settles in s", "peak mm"],
         points=rows,
         worst=(_row(worst, None, None)[: len(head) + 2],),
         worst_head=[*head, "verdict", "cause"],
         left=left,
-        campaign=_rests_on(found, asked),
+        campaign=_rests_on(checked, asked),
         flags=[flag.text for flag in flags],
     )
 
 
-def _swings(found: CheckedPath) -> tuple[SettlingReport | None, tuple[ModesAt, ...], str]:
+def _swings(checked: CheckedPath) -> tuple[SettlingReport | None, tuple[ModesAt, ...], str]:
     """Return how the arm swings at the via-points, and why that is not known where it is not."""
     try:
-        modes = modes_along(found.arm, found.path, found.covariates, 1)
-        return found.swing or settle(found.arm, found.path, found.within, found.covariates), modes, ""
+        modes = modes_along(checked.arm, checked.path, checked.covariates, 1)
+        return checked.swing or settle(checked.arm, checked.path, checked.within, checked.covariates), modes, ""
     except ArmflexError as error:
         return None, (), f"First frequencies and settling times are not computed: {error}"
 
@@ -129,10 +136,10 @@ def _row(point: Point, modes: ModesAt | None, swing: Settling | None) -> tuple[s
     )
 
 
-def _picture(found: CheckedPath, points: tuple[Point, ...]) -> str:
+def _picture(checked: CheckedPath, points: tuple[Point, ...]) -> str:
     """Return the arm at its worst via-point, rigid and flexed, and the path of its rigid tip: from side and above."""
-    arm = found.arm
-    path = found.path.with_constants(arm, found.covariates).prepared(arm)
+    arm = checked.arm
+    path = checked.path.with_constants(arm, checked.covariates).prepared(arm)
     row = int(np.argmin(np.abs(path.time - points[0].time)))
 
     def at(i: int) -> Deflection:
@@ -142,7 +149,7 @@ def _picture(found: CheckedPath, points: tuple[Point, ...]) -> str:
     try:
         here = at(row)
         tips = np.array([at(i).link_poses(0.0)[arm.robot.tip][:3, 3] for i in _some(path, points)]) @ arm.robot.mount.T
-        named = {one: at(int(np.argmin(np.abs(path.time - one.time)))) for one in points[:MOST]}
+        named = {point: at(int(np.argmin(np.abs(path.time - point.time)))) for point in points[:MOST]}
     except ArmflexError as error:  # a joint beyond its limit, an arm that buckles
         return f"<p>No picture: {cut(str(error), 200).replace('<', '(').replace('&', '+')}</p>"
     factor = nice_magnification(arm, Motion(np.zeros(1), (here,), 0))
@@ -152,11 +159,11 @@ def _picture(found: CheckedPath, points: tuple[Point, ...]) -> str:
         for scale, colour, style in ((0.0, MUTED, DASHED), (factor, INK, "solid")):
             line = _chain(here, scale)
             panel.plot(line[:, 0], line[:, up], color=colour, linestyle=style, linewidth=1.6, marker="o", markersize=3)
-        for one, stands in named.items():
+        for point, stands in named.items():
             tip = arm.robot.mount @ stands.link_poses(0.0)[arm.robot.tip][:3, 3]
-            panel.plot(tip[0], tip[up], "o", color=COLOURS[one.verdict], markersize=6)
-            if one.name and len(named) <= 12:
-                panel.annotate(cut(one.name, 18), (tip[0], tip[up]), (4, 4), textcoords="offset points", color=INK)
+            panel.plot(tip[0], tip[up], "o", color=COLOURS[point.verdict], markersize=6)
+            if point.name and len(named) <= 12:
+                panel.annotate(cut(point.name, 18), (tip[0], tip[up]), (4, 4), textcoords="offset points", color=INK)
         panel.set(xlabel="x [m]", ylabel=f"{'xyz'[up]} [m]", title=name, aspect="equal")
         panel.set_adjustable("datalim")
         grid(panel)
@@ -169,57 +176,59 @@ def _some(path: Trajectory, points: tuple[Point, ...]) -> list[int]:
     return sorted({*np.linspace(0, len(path) - 1, min(len(path), 120)).astype(int).tolist()})
 
 
-def _chain(found: Deflection, factor: float) -> Array:
+def _chain(deflection: Deflection, factor: float) -> Array:
     """Return (k, 3) origins of the links from base to tip in a level world [m]."""
-    robot, poses = found.arm.robot, found.link_poses(factor)
+    robot, poses = deflection.arm.robot, deflection.link_poses(factor)
     return np.array([np.zeros(3), *(poses[joint.child][:3, 3] for joint in robot.chain)]) @ robot.mount.T
 
 
-def _bars(found: CheckedPath, points: tuple[Point, ...]) -> str:
+def _bars(checked: CheckedPath, points: tuple[Point, ...]) -> str:
     """Return the displacement of every via-point beside the tolerance, in the order of the path."""
-    shown = sorted(points[:MOST], key=lambda one: one.time)
+    shown = sorted(points[:MOST], key=lambda point: point.time)
     figure, (axes,) = canvas(10.0, 2.8)
     place = np.arange(len(shown))
-    finite = [min(1e3 * one.displacement_m, 1e6) for one in shown]
-    axes.bar(place, finite, width=0.6, color=[COLOURS[one.verdict] for one in shown])
-    std = [2e3 * one.sigma_m if one.sigma_m is not None and np.isfinite(one.sigma_m) else 0.0 for one in shown]
+    finite = [min(1e3 * point.displacement_m, 1e6) for point in shown]
+    axes.bar(place, finite, width=0.6, color=[COLOURS[point.verdict] for point in shown])
+    std = [2e3 * point.sigma_m if point.sigma_m is not None and np.isfinite(point.sigma_m) else 0.0 for point in shown]
     axes.errorbar(place, finite, std, fmt="none", ecolor=INK, linewidth=1.0)
-    axes.axhline(1e3 * found.report.tolerance_m, color=MUTED, linestyle=DASHED, linewidth=1.0)
-    axes.set_xticks(place, [cut(one.name or f"{one.time:g} s", 12) for one in shown],
+    axes.axhline(1e3 * checked.report.tolerance_m, color=MUTED, linestyle=DASHED, linewidth=1.0)
+    axes.set_xticks(place, [cut(point.name or f"{point.time:g} s", 12) for point in shown],
                     rotation=90 if len(shown) > 12 else 0)  # fmt: skip
     axes.set(ylabel="mm")
     grid(axes, "y")
     return inline(figure, "displacement of every via-point")
 
 
-def _rests_on(found: CheckedPath, asked: str) -> tuple[tuple[str, str], ...]:
+def _rests_on(checked: CheckedPath, asked: str) -> tuple[tuple[str, str], ...]:
     """Return what the verdict rests on: files, how the arm is known, loads, versions, date."""
-    arm, path = found.arm, found.path
+    arm, path = checked.arm, checked.path
     if arm.certainty is not None:
-        known = "calibrated: ± is of the fit to its campaign, and of the compliances that state a deviation"
+        source = "calibrated: ± is of the fit to its campaign, and of the compliances that state a deviation"
     elif any(flexure.law.uncertain for flexure in arm.flexures):
-        known = "as declared, not calibrated: ± is of the compliances that state a deviation"
+        source = "as declared, not calibrated: ± is of the compliances that state a deviation"
     else:
-        known = "as declared, not calibrated; no uncertainty is stated, so none is in the verdict"
-    rows = [(f"File of the {what}", f"{name}{_sha256(name)}") for what, name in found.files.items()]
+        source = "as declared, not calibrated; no uncertainty is stated, so none is in the verdict"
+    rows = [(f"File of the {what}", f"{name}{_sha256(name)}") for what, name in checked.files.items()]
     loads = f"payload {listing(dict.fromkeys(path.payload))}"
-    pushed = max((float(np.max(one.sizes[0], initial=0.0)) for one in path.wrenches if not one.hangs), default=0.0)
+    pushed = max(
+        (float(np.max(wrench.sizes[0], initial=0.0)) for wrench in path.wrenches if not wrench.hangs), default=0.0
+    )
     loads += f", loads from outside up to {pushed:.4g} N" if pushed else ", no load from outside"
     effects = listing(effect.title for effect in arm.effects) if arm.effects else "none"
     damping = "0.01, assumed" if arm.damping_ratio is None else f"{arm.damping_ratio:g}"
     solver: str = pinocchio.__version__  # pyright: ignore[reportAttributeAccessIssue]
     versions = f"armflex {__version__}, Pinocchio {solver}, NumPy {np.__version__}, Python {platform.python_version()}"
-    covariates = listing(f"{name} = {value:g}" for name, value in found.covariates.items())
+    covariates = listing(f"{name} = {value:g}" for name, value in checked.covariates.items())
     return (
         ("Arm", f"{arm.robot.urdf.name}, {arm.robot.base} to {arm.robot.tip}"),
-        ("How it is known", known),
+        ("How it is known", source),
         ("Effects beside the flexures", effects),
         *rows,
         ("Tolerance", asked),
         ("Loads", loads),
-        *([("Taken as", covariates)] if found.covariates else []),
+        *([("Taken as", covariates)] if checked.covariates else []),
         ("Uncertain", "the margin is within two standard uncertainties"),
-        ("Swing", f"drives stop at the via-point; settled within {found.within * 1e3:g} mm; damping ratio {damping}"),
+        ("Swing", f"drives stop at the via-point; settled within {checked.within * 1e3:g} mm; damping ratio {damping}"),
         ("Made on", date.today().isoformat()),
         ("Made with", versions),
     )

@@ -137,14 +137,16 @@ def points(measurements: Measurements, rows: np.ndarray, now: Errors, before: Er
     sizes, old = np.sqrt(now.squares), np.sqrt(before.squares)
     if not len(sizes):
         return []
-    limit, found = float(np.quantile(sizes, MARKED)), []
+    limit, largest = float(np.quantile(sizes, MARKED)), []
     for i in np.argsort(-sizes, kind="stable")[:MOST].tolist():
         row = int(rows[i])
         place = measurements.places[row].short if measurements.places else f"row {row}"
         named = (measurements.pose[row], measurements.session[row], measurements.payload[row])
-        lengths = (millimetres(one).removesuffix(" mm") for one in (float(old[i]), float(sizes[i]), *left[i].tolist()))
-        found.append(Point((place, *named, *lengths), bool(sizes[i] > limit)))
-    return found
+        lengths = (
+            millimetres(length).removesuffix(" mm") for length in (float(old[i]), float(sizes[i]), *left[i].tolist())
+        )
+        largest.append(Point((place, *named, *lengths), bool(sizes[i] > limit)))
+    return largest
 
 
 POINT_HEAD = ("row", "pose", "session", "payload", "before mm", "now mm", "Δx", "Δy", "Δz")
@@ -158,44 +160,44 @@ def signed(value: float, std: float | None, unit: str) -> str:
     )
 
 
-def parameter_rows(arm: Arm, found: Sequence[FittedParameter]) -> Table:
+def parameter_rows(arm: Arm, fitted: Sequence[FittedParameter]) -> Table:
     """Return what was fitted of the arm itself: name, change against the declared value, and what it is now.
 
     A compliance changes by a factor; what it is now is said as a stiffness, of the axis by itself.
     """
     rows, words = [], in_dh_words(arm.robot)
-    for one in found:
-        if one.kind in (*FRAMES, ParameterKind.LAW, ParameterKind.EFFECT, ParameterKind.UNEXPLAINED):
+    for parameter in fitted:
+        if parameter.kind in (*FRAMES, ParameterKind.LAW, ParameterKind.EFFECT, ParameterKind.UNEXPLAINED):
             continue
-        name, change = changed(one, words)
-        if not one.determined:
+        name, change = changed(parameter, words)
+        if not parameter.determined:
             rows.append((name, "not determined by these readings", ""))
         else:
-            rows.append((name, change, stiffness(arm, one) if one.kind is ParameterKind.COMPLIANCE else ""))
+            rows.append((name, change, stiffness(arm, parameter) if parameter.kind is ParameterKind.COMPLIANCE else ""))
     return tuple(rows)
 
 
-def changed(one: FittedParameter, words: Mapping[str, tuple[str, float]]) -> tuple[str, str]:
+def changed(parameter: FittedParameter, words: Mapping[str, tuple[str, float]]) -> tuple[str, str]:
     """Return a parameter's name, see `in_dh_words`, and its change: '×1.50 ± 0.03' of a compliance, else a length or
     an angle with its sign.
     """
-    name, sign = words.get(one.name, (one.name, 1.0))
-    if one.kind is not ParameterKind.COMPLIANCE:
-        return name, signed(sign * one.value, one.std, one.unit)
-    factor = float(np.exp(one.value))
-    return name, f"×{with_std(factor, factor * one.std)}"
+    name, sign = words.get(parameter.name, (parameter.name, 1.0))
+    if parameter.kind is not ParameterKind.COMPLIANCE:
+        return name, signed(sign * parameter.value, parameter.std, parameter.unit)
+    factor = float(np.exp(parameter.value))
+    return name, f"×{with_std(factor, factor * parameter.std)}"
 
 
-def reasons(arm: Arm, found: Sequence[FittedParameter]) -> Table:
+def reasons(arm: Arm, fitted: Sequence[FittedParameter]) -> Table:
     """Return the names of parameters, and why the readings do not determine them."""
-    called = {name: one for name, (one, _) in in_dh_words(arm.robot).items()}
-    return tuple((called.get(one.name, one.name), one.reason(called)) for one in found)
+    called = {name: word for name, (word, _) in in_dh_words(arm.robot).items()}
+    return tuple((called.get(parameter.name, parameter.name), parameter.reason(called)) for parameter in fitted)
 
 
-def stiffness(arm: Arm, one: FittedParameter) -> str:
+def stiffness(arm: Arm, parameter: FittedParameter) -> str:
     """Return a fitted compliance as a stiffness people know, '' where the flexure's law has no one number for it."""
-    axis = one.label.rpartition(" ")[2]
-    law = next((flexure.law for flexure in arm.flexures if flexure.name == one.which.group.of), None)
+    axis = parameter.label.rpartition(" ")[2]
+    law = next((flexure.law for flexure in arm.flexures if flexure.name == parameter.which.group.of), None)
     compliance = getattr(law, "compliance", None)
     if axis not in TWIST_NAMES or not isinstance(compliance, np.ndarray) or compliance.shape != (6, 6):
         return ""
@@ -204,17 +206,17 @@ def stiffness(arm: Arm, one: FittedParameter) -> str:
     if value <= 0.0:
         return "rigid"
     factor, prefix = next(((size, prefix) for size, prefix in LARGER if 1.0 / value >= size), (1.0, ""))
-    std = one.std / value / factor
+    std = parameter.std / value / factor
     return f"{with_std(1.0 / value / factor, std)} {prefix}{STIFF[axis[0]]}"
 
 
-def account(found: Calibration) -> SimpleNamespace:
+def account(calibration: Calibration) -> SimpleNamespace:
     """Return what the page of a calibrated arm shows."""
-    fit, measurements = found.fit, found.measurements
-    view, judged = fit.view, found.judged
+    fit, measurements = calibration.fit, calibration.measurements
+    view, judged = fit.view, calibration.judged
     used = view.readings.where(judged).foremost_count > 0
     groups, rows = measurements.pose_number[view.rows], view.rows[used]
-    before = errors_of(found.placed, groups, judged).of(used)
+    before = errors_of(calibration.placed, groups, judged).of(used)
     several = len(np.unique(groups)) > 1
     now = (
         Errors(held_out(fit, pose_folds(groups), judged=judged).squares, groups).of(used)
@@ -223,41 +225,43 @@ def account(found: Calibration) -> SimpleNamespace:
     )
     placed = bool(view.readings.of(Position))
     left = view.residual[:, view.foremost][used] if placed else np.zeros((len(rows), 0))
-    moved = sorted(found.findings, key=lambda one: -abs(one.pull))
+    moved = sorted(calibration.findings, key=lambda finding: -abs(finding.pull))
     determined = [
-        one for one in found.parameters if one.determined and np.isfinite(one.prior) and one.kind not in FRAMES
+        parameter
+        for parameter in calibration.parameters
+        if parameter.determined and np.isfinite(parameter.prior) and parameter.kind not in FRAMES
     ]
-    most = moved or sorted(determined, key=lambda one: -abs(one.pull))[: ON_COVER - 4]
-    rms = (millimetres(one.rms, unit=view.readings.shown_in) for one in (before, now))
+    most = moved or sorted(determined, key=lambda parameter: -abs(parameter.pull))[: ON_COVER - 4]
+    rms = (millimetres(errors.rms, unit=view.readings.shown_in) for errors in (before, now))
     title = view.readings.error_title
     what = "poses held out" if several else "the poses fitted"
     return SimpleNamespace(
-        title=f"{found.arm.robot.urdf.name}: calibration",
+        title=f"{calibration.arm.robot.urdf.name}: calibration",
         headline=f"{title[0].upper()}{title[1:]}: {next(rms)} as declared, {next(rms)} calibrated (RMS, {what}).",
         error_title=error_title(view.readings),
         lead=f"{len(moved)} parameters were further from their declared values than their priors allow."
         if moved
         else "No parameter ended further from its declared value than its prior allows.",
         at_target=view.at_target(now.rms),
-        cards=_cards(before, now, found),
+        cards=_cards(before, now, calibration),
         errors=(
-            spread(f"as declared, the {found.placing}", before, view.readings.shown_in),
+            spread(f"as declared, the {calibration.placing}", before, view.readings.shown_in),
             spread(f"calibrated, {what}", now, view.readings.shown_in),
-            ("noise as stated", millimetres(found.noise_rms, unit=view.readings.shown_in), "", ""),
+            ("noise as stated", millimetres(calibration.noise_rms, unit=view.readings.shown_in), "", ""),
         ),
-        found=parameter_rows(found.arm, most)[:ON_COVER],
+        found=parameter_rows(calibration.arm, most)[:ON_COVER],
         found_title="Moved beyond their priors" if moved else "Moved most, against their priors",
-        parameters=parameter_rows(found.arm, found.parameters),
+        parameters=parameter_rows(calibration.arm, calibration.parameters),
         points=points(measurements, rows, now, before, left) if placed else [],
         point_head=POINT_HEAD,
-        undetermined=reasons(found.arm, found.undetermined),
+        undetermined=reasons(calibration.arm, calibration.undetermined),
         by_kind=tuple(
             (kind.title, *(f"{short(size * kind.shown_in[1])} {kind.shown_in[0]}" for size in sizes))
-            for kind, *sizes in found.by_kind
+            for kind, *sizes in calibration.by_kind
         ),
-        swing=swing(found.arm, measurements, rows),
-        campaign=facts(found.arm, measurements, f"{len(rows)} of {len(measurements)} rows"),
-        flags=[flag.text for flag in (*found.arm.flags, *measurements.flags, *found.flags)],
+        swing=swing(calibration.arm, measurements, rows),
+        campaign=facts(calibration.arm, measurements, f"{len(rows)} of {len(measurements)} rows"),
+        flags=[flag.text for flag in (*calibration.arm.flags, *measurements.flags, *calibration.flags)],
     )
 
 
@@ -266,16 +270,16 @@ def floor(stated: float, error: float) -> str:
     return "more than the readings scatter" if error < stated else "what no model can get below"
 
 
-def _cards(before: Errors, now: Errors, found: Calibration) -> Table:
+def _cards(before: Errors, now: Errors, calibration: Calibration) -> Table:
     from armflex.measured.repeats import repeats
 
-    unit, size = found.fit.view.readings.shown_in, size_title(found.fit.view.readings)
+    unit, size = calibration.fit.view.readings.shown_in, size_title(calibration.fit.view.readings)
     cards = [
-        ("Error as declared", millimetres(before.rms, before.std, unit), f"{size}, the {found.placing}"),
+        ("Error as declared", millimetres(before.rms, before.std, unit), f"{size}, the {calibration.placing}"),
         ("Error calibrated", millimetres(now.rms, now.std, unit), "the same readings, poses held out"),
-        ("Noise as stated", millimetres(found.noise_rms, unit=unit), floor(found.noise_rms, now.rms)),
+        ("Noise as stated", millimetres(calibration.noise_rms, unit=unit), floor(calibration.noise_rms, now.rms)),
     ]
-    if found.fit.view.readings.of(Position) and (again := repeats(found.measurements)) is not None:
+    if calibration.fit.view.readings.of(Position) and (again := repeats(calibration.measurements)) is not None:
         scatter = again.same_approach or again.same_session
         cards.append(("Scatter of repeats", millimetres(*scatter_rms(scatter)), f"{scatter.groups} sets"))
     return tuple(cards)

@@ -184,8 +184,8 @@ def _suspect(trace: Trace, effect: Effect, axis: Array | None) -> tuple[Array, s
         main = int(np.abs(axis).argmax())
         load = context.wrench(state.fit.view, location.site)[rows, main]
         return _loads(load, WRENCH_NAMES[main], f"load {WRENCH_NAMES[main]} at {location.place}")
-    own = location.place in context.joints and np.ptp(context.column(f"q_{location.place}")[rows]) > 0.0
-    return _column(context, f"q_{location.place}" if own and not law.constant else "time", rows)
+    about_itself = location.place in context.joints and np.ptp(context.column(f"q_{location.place}")[rows]) > 0.0
+    return _column(context, f"q_{location.place}" if about_itself and not law.constant else "time", rows)
 
 
 def _loads(values: Array, kind: str, label: str) -> tuple[Array, str]:
@@ -251,8 +251,15 @@ def _cloud(panel: Axes, seen: Suspicion, values: Array, colour: str) -> None:
         spread = even * 0.4 * (np.diff(kinds).min() if len(kinds) > 1 else 1.0)
         panel.set_xticks(kinds)
     for level in np.unique(np.round(faint, 1)):
-        own = np.round(faint, 1) == level
-        panel.scatter(seen.x[own] + spread[own], values[own], s=9, color=colour, alpha=max(level, 0.08), linewidths=0)
+        at_level = np.round(faint, 1) == level
+        panel.scatter(
+            seen.x[at_level] + spread[at_level],
+            values[at_level],
+            s=9,
+            color=colour,
+            alpha=max(level, 0.08),
+            linewidths=0,
+        )
     if seen.is_curve:
         panel.errorbar(*_means(seen, values), fmt="o", color=INK, markersize=4, elinewidth=1.2, capsize=2, zorder=4)
 
@@ -261,23 +268,26 @@ def _means(seen: Suspicion, values: Array) -> tuple[Array, Array, Array]:
     """Return centres, weighted means and their standard uncertainties in bins of x."""
     kinds = np.unique(seen.x)
     edges = kinds if len(kinds) <= FEW else np.unique(np.quantile(seen.x, np.linspace(0.0, 1.0, BINS + 1)))[:-1]
-    own = np.clip(np.searchsorted(edges, seen.x, side="right") - 1, 0, len(edges) - 1)
+    place = np.clip(np.searchsorted(edges, seen.x, side="right") - 1, 0, len(edges) - 1)
     weight = seen.std**-2.0
-    total = np.bincount(own, weight, len(edges))
-    x, y = (np.bincount(own, weight * column, len(edges)) / total for column in (seen.x, values))
-    scatter = np.bincount(own, weight * (values - y[own]) ** 2, len(edges)) / total
-    count = np.bincount(own, minlength=len(edges))
+    total = np.bincount(place, weight, len(edges))
+    x, y = (np.bincount(place, weight * column, len(edges)) / total for column in (seen.x, values))
+    scatter = np.bincount(place, weight * (values - y[place]) ** 2, len(edges)) / total
+    count = np.bincount(place, minlength=len(edges))
     return x, y, np.sqrt(np.maximum(scatter / np.maximum(count - 1, 1), 1.0 / total * (count < 2)))
 
 
-def ranking(found: Found, number: int) -> str:
+def ranking(found_effect: Found, number: int) -> str:
     """Return the log odds of what competes for the effect's place; what these data cannot distinguish is marked."""
-    same = {(effect.law.name, effect.location) for effect, _ in found.equivalent}
-    own = (found.effect.law.name, found.effect.location)
+    same = {(effect.law.name, effect.location) for effect, _ in found_effect.equivalent}
+    own = (found_effect.effect.law.name, found_effect.effect.location)
     bars: dict[str, tuple[float, str]] = {}  # of every candidate once, the best first
-    for hypothesis, odds in found.ranking:
-        one = hypothesis.one
-        key, label = (one.law.name, one.location), labelled(one.effect(np.zeros(len(one.location.terms))))
+    for hypothesis, odds in found_effect.ranking:
+        candidate = hypothesis.one
+        key, label = (
+            (candidate.law.name, candidate.location),
+            labelled(candidate.effect(np.zeros(len(candidate.location.terms)))),
+        )
         bars.setdefault(label, (0.5 * odds, AFTER if key == own else MARK if key in same else RULE))
     rows = list(bars.items())[:MOST_RIVALS][::-1]
     if not rows:
@@ -300,32 +310,35 @@ def wave(trace: Trace, index: int) -> tuple[str, ...]:
 
     It is C sin(x + phase), largest where x is 90 degrees less the phase; standard uncertainties to first order.
     """
-    found = trace.found[index]
-    sine, _, rest = found.effect.law.words.formula.removeprefix("A sin ").partition(" + B cos ")
-    if not rest or rest != sine or not {"A", "B"} <= set(found.effect.named):
+    effect = trace.found[index]
+    sine, _, rest = effect.effect.law.words.formula.removeprefix("A sin ").partition(" + B cos ")
+    if not rest or rest != sine or not {"A", "B"} <= set(effect.effect.named):
         return ()
-    own = np.array([found.effect.named["A"], found.effect.named["B"]])
-    size, names = float(np.hypot(*own)), [name for name in ("A", "B") if 0.0 < found.std.get(name, 0.0) < np.inf]
+    amplitudes = np.array([effect.effect.named["A"], effect.effect.named["B"]])
+    size, names = (
+        float(np.hypot(*amplitudes)),
+        [name for name in ("A", "B") if 0.0 < effect.std.get(name, 0.0) < np.inf],
+    )
     if size == 0.0:
         return ()
-    fit, block = trace.state.fit, trace.state.effects[found.index]
+    fit, block = trace.state.fit, trace.state.effects[effect.index]
     start = sum(len(other.labels) for other in fit.blocks[: fit.blocks.index(block)])
-    places = [start + list(found.std).index(name) for name in names]
+    places = [start + list(effect.std).index(name) for name in names]
     covariance = np.zeros((2, 2))
     at = np.array([("A", "B").index(name) for name in names], dtype=int)
     covariance[np.ix_(at, at)] = fit.posterior.covariance[np.ix_(places, places)]
-    scale = [found.std[name] / np.sqrt(covariance[i, i]) for name, i in zip(names, at, strict=True)]
+    scale = [effect.std[name] / np.sqrt(covariance[i, i]) for name, i in zip(names, at, strict=True)]
     covariance[np.ix_(at, at)] *= np.outer(scale, scale)  # as the page has them, the scatter of the readings counted
-    along, across = own / size, np.array([-own[1], own[0]]) / size**2
-    std, turn = (float(np.sqrt(one @ covariance @ one)) for one in (along, across))
-    degrees = with_std(float(np.degrees(np.arctan2(own[1], own[0]))), float(np.degrees(turn)))
-    unit = units_of(found.effect)["A"]
+    along, across = amplitudes / size, np.array([-amplitudes[1], amplitudes[0]]) / size**2
+    std, turn = (float(np.sqrt(direction @ covariance @ direction)) for direction in (along, across))
+    degrees = with_std(float(np.degrees(np.arctan2(amplitudes[1], amplitudes[0]))), float(np.degrees(turn)))
+    unit = units_of(effect.effect)["A"]
     return (
         f"amplitude = {measure(size, std, unit)} of C sin({sine} + phase)",
-        f"phase = {'' if own[1] < 0.0 else '+'}{degrees.replace('-', '−')}°",
+        f"phase = {'' if amplitudes[1] < 0.0 else '+'}{degrees.replace('-', '−')}°",
         *(
-            f"{name} = {measure(found.effect.named[name], found.std.get(name), unit)}"
-            for name, unit in units_of(found.effect).items()
+            f"{name} = {measure(effect.effect.named[name], effect.std.get(name), unit)}"
+            for name, unit in units_of(effect.effect).items()
             if name not in ("A", "B")
         ),
     )
@@ -333,9 +346,9 @@ def wave(trace: Trace, index: int) -> tuple[str, ...]:
 
 def posterior(trace: Trace, index: int) -> str:
     """Return the marginal distribution of every fitted parameter and, of the first two, their joint one."""
-    found = trace.found[index]
-    units = units_of(found.effect)
-    names = [name for name in found.std if 0.0 < found.std[name] < np.inf]
+    effect = trace.found[index]
+    units = units_of(effect.effect)
+    names = [name for name in effect.std if 0.0 < effect.std[name] < np.inf]
     pair = len(names) >= 2
     if not 0 < len(names) <= MOST_CURVES:  # the knots of a free shape mean nothing one by one
         return ""
@@ -344,16 +357,16 @@ def posterior(trace: Trace, index: int) -> str:
     across = min(len(names), 3) + pair
     free = [panel for i, panel in enumerate(axes) if not (pair and i % across == across - 1)]
     for panel, name in zip(free, names, strict=False):
-        _bell(panel, name, found.effect.named[name], found.std[name], units[name])
+        _bell(panel, name, effect.effect.named[name], effect.std[name], units[name])
     for panel in free[len(names) :]:
         panel.set_axis_off()
     if pair:
-        fit, block = trace.state.fit, trace.state.effects[found.index]
+        fit, block = trace.state.fit, trace.state.effects[effect.index]
         start = sum(len(other.labels) for other in fit.blocks[: fit.blocks.index(block)])
-        one, other = (start + list(found.std).index(name) for name in names[:2])
+        row, other = (start + list(effect.std).index(name) for name in names[:2])
         covariance = fit.posterior.covariance
-        rho = covariance[one, other] / (np.sqrt(covariance[one, one]) * np.sqrt(covariance[other, other]))
-        _ellipse(axes[across - 1], found, float(np.clip(rho, -0.999999, 0.999999)), units, names[:2])
+        rho = covariance[row, other] / (np.sqrt(covariance[row, row]) * np.sqrt(covariance[other, other]))
+        _ellipse(axes[across - 1], effect, float(np.clip(rho, -0.999999, 0.999999)), units, names[:2])
         for panel in axes[2 * across - 1 :: across]:
             panel.set_axis_off()
     return inline(figure, f"Posterior of the parameters, effect {index + 1}")
@@ -375,14 +388,14 @@ def _bell(panel: Axes, name: str, value: float, std: float, unit: str) -> None:
     panel.locator_params(axis="x", nbins=5)
 
 
-def _ellipse(panel: Axes, found: Found, rho: float, units: dict[str, str], names: list[str]) -> None:
+def _ellipse(panel: Axes, effect: Found, rho: float, units: dict[str, str], names: list[str]) -> None:
     angle = np.linspace(0.0, 2.0 * np.pi, 181)
     circle = np.linalg.cholesky(np.array([[1.0, rho], [rho, 1.0]])) @ np.array([np.cos(angle), np.sin(angle)])
-    values = [found.effect.named[name] for name in names]
-    scales = [scaled(max(abs(v), found.std[n]), units[n]) for v, n in zip(values, names, strict=True)]
+    values = [effect.effect.named[name] for name in names]
+    scales = [scaled(max(abs(v), effect.std[n]), units[n]) for v, n in zip(values, names, strict=True)]
     for reach, alpha in ((np.sqrt(5.991), 0.15), (np.sqrt(2.296), 0.3)):
         edge = [
-            (value + found.std[name] * reach * line) / factor
+            (value + effect.std[name] * reach * line) / factor
             for value, name, line, (factor, _) in zip(values, names, circle, scales, strict=True)
         ]
         panel.fill(*edge, color=AFTER, alpha=alpha, linewidth=0)

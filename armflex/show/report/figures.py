@@ -33,8 +33,8 @@ def workspace(trace: Trace) -> str:
     kept, tip = trace.judged_rows, fit.view.line.tip
     points = fit.setup.instrument.in_base(tip, fit.view.sessions)[kept]
     before, after = (
-        (residual[:, one.view.foremost] @ one.setup.instrument.pose.rotation)[kept]
-        for one, residual in ((trace.before, trace.before.view.residual), (fit, trace.state.residual))
+        (residual[:, placed.view.foremost] @ placed.setup.instrument.pose.rotation)[kept]
+        for placed, residual in ((trace.before, trace.before.view.residual), (fit, trace.state.residual))
     )
     span = max(float(np.ptp(points, axis=0).max()), 1e-3)
     size = float(np.quantile(np.linalg.norm(before, axis=1), 0.95)) or 1e-3
@@ -92,8 +92,8 @@ def by_instrument(trace: Trace) -> str:
         return ""
     figure, axes = canvas(10.0, 0.7 + 1.5 * len(kinds), len(kinds), 1, sharex=True)
     judged = view.readings.where(trace.state.judged)
-    sizes = [[rms for _, rms in judged.by_kind(one)] for one in (before, after, view.sigma)]
-    parts = [dict(zip(view.readings.kinds, some, strict=True)) for some in sizes]
+    sizes = [[rms for _, rms in judged.by_kind(errors)] for errors in (before, after, view.sigma)]
+    parts = [dict(zip(view.readings.kinds, sizes_of, strict=True)) for sizes_of in sizes]
     for panel, (kind, place) in zip(axes, kinds, strict=True):
         unit, factor = kind.shown_in
         read = np.isfinite(kind.sigma)
@@ -122,7 +122,9 @@ def by_session_and_pose(accurate: Accuracy, both: bool, unit: str | Shown) -> st
     sessions = accurate.by(accurate.sessions)
     place = np.arange(len(sessions))
     for side, which, colour in ((-0.2, 1, BEFORE), (0.2, 2, AFTER)) if both else ((0.0, 2, AFTER),):
-        heights, stds = (factor * np.array([getattr(one[which], name) for one in sessions]) for name in ("rms", "std"))
+        heights, stds = (
+            factor * np.array([getattr(session[which], name) for session in sessions]) for name in ("rms", "std")
+        )
         left.bar(place + side, heights, 0.36, color=colour)
         left.errorbar(place + side, heights, stds, fmt="none", ecolor=INK, elinewidth=0.9)
     left.set_title("By session")
@@ -194,9 +196,10 @@ def pulls(
     `words` are those of `in_dh_words`.
     """
     earlier = {parameter.name: abs(parameter.pull) for parameter in before}
-    named = [words.get(one.name, (one.name,))[0] for one in after]
+    named = [words.get(parameter.name, (parameter.name,))[0] for parameter in after]
     pairs = [
-        (name, earlier.get(one.name, abs(one.pull)), abs(one.pull)) for name, one in zip(named, after, strict=True)
+        (name, earlier.get(parameter.name, abs(parameter.pull)), abs(parameter.pull))
+        for name, parameter in zip(named, after, strict=True)
     ]
     chosen = sorted(pairs, key=lambda row: -max(row[1:]))[:MOST_PULLS][::-1]
     place = np.arange(len(chosen))
@@ -220,11 +223,11 @@ def detectable(smallest: Sequence[Smallest], noise: float, readings: Readings) -
     """Return how small an effect of each law would have been seen in readings, from its best place to its worst."""
     from matplotlib.ticker import LogLocator, NullLocator
 
-    rows = sorted(smallest, key=lambda one: -one.most)
+    rows = sorted(smallest, key=lambda shown_least: -shown_least.most)
     place = np.arange(len(rows))
     figure, (panel,) = canvas(8.4, 0.6 + 0.21 * max(len(rows), 3))
     unit, factor = readings.shown_in
-    least, most = (factor * np.array([getattr(one, which) for one in rows]) for which in ("least", "most"))
+    least, most = (factor * np.array([getattr(row, which) for row in rows]) for which in ("least", "most"))
     panel.hlines(place, least, most, color=AFTER, linewidth=4.0, alpha=0.45)
     panel.scatter(least, place, s=20, color=AFTER, linewidths=0)
     panel.scatter(most, place, s=20, color=AFTER, linewidths=0)
@@ -233,7 +236,7 @@ def detectable(smallest: Sequence[Smallest], noise: float, readings: Readings) -
     panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     panel.xaxis.set_minor_locator(NullLocator())
     panel.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    panel.set_yticks(place, [words(one.effect).title for one in rows])
+    panel.set_yticks(place, [words(row.effect).title for row in rows])
     panel.set_xlabel(f"RMS {readings.where_read}, best to worst place [{unit}] (dashed: noise)")
     grid(panel, "x")
     return inline(figure, "Smallest effects that would have been observable")

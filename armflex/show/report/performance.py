@@ -15,12 +15,17 @@ MOST_BARS = 40
 """Poses that the figure has room for; of more the worst are drawn, and it says so."""
 
 
-def account(found: PosePerformance) -> SimpleNamespace:
+def account(performance: PosePerformance) -> SimpleNamespace:
     """Return what the template shows."""
-    arm, measurements, poses, (head, rows) = found.arm, found.measurements, found.poses, table(found)
-    least = max(poses, key=lambda one: one.accuracy.value if one.accuracy else 0.0)
-    loosest = max(poses, key=lambda one: one.repeatability.value)
-    modelled = [one.predicted for one in poses if one.predicted is not None]
+    arm, measurements, poses, (head, rows) = (
+        performance.arm,
+        performance.measurements,
+        performance.poses,
+        table(performance),
+    )
+    least = max(poses, key=lambda pose: pose.accuracy.value if pose.accuracy else 0.0)
+    loosest = max(poses, key=lambda pose: pose.repeatability.value)
+    modelled = [pose.predicted for pose in poses if pose.predicted is not None]
     cards = [
         *([("Pose accuracy AP", _said(least.accuracy), f"worst of {len(poses)}, {least.pose}")] * bool(least.accuracy)),
         ("Pose repeatability RP", _said(loosest.repeatability), f"worst of {len(poses)}, {loosest.pose}"),
@@ -28,70 +33,74 @@ def account(found: PosePerformance) -> SimpleNamespace:
     if modelled:
         note = "distance of barycentres from where the calibrated model has them, worst"
         cards.append(("AP with this model", millimetres(max(modelled)), note))
-    for name, several in (("Direction vAP", found.directions), ("Drift dAP", found.drifts)):
+    for name, several in (("Direction vAP", performance.directions), ("Drift dAP", performance.drifts)):
         if several:
-            worst = max(several, key=lambda one: one.accuracy)
+            worst = max(several, key=lambda characteristic: characteristic.accuracy)
             cards.append((name, millimetres(worst.accuracy), f"worst of {len(several)}, {worst.pose}"))
     accuracy, repeated = _said(least.accuracy), millimetres(loosest.repeatability.value)
-    drawn = sorted(poses, key=lambda one: -one.accuracy.value if one.accuracy else 0.0)[:MOST_BARS]
+    drawn = sorted(poses, key=lambda pose: -pose.accuracy.value if pose.accuracy else 0.0)[:MOST_BARS]
     more = f" The {MOST_BARS} least accurate of {len(poses)} are drawn." if len(poses) > MOST_BARS else ""
     return SimpleNamespace(
         title=f"{arm.robot.urdf.name}: pose characteristics after ISO 9283:1998",
         headline=f"Pose accuracy {accuracy}, pose repeatability {repeated}, each of the worst pose.",
-        lead=[text for text in (found.remarks[0] if "AP" in found.remarks[0] else "", more.strip()) if text],
+        lead=[
+            text for text in (performance.remarks[0] if "AP" in performance.remarks[0] else "", more.strip()) if text
+        ],
         cards=tuple(cards),
         head=head,
         poses=rows,
         rotations=tuple(
-            (one.pose, *(measure(angle, None, "rad") for angle in (*one.rotation, *one.rotation_repeatability)))
-            for one in poses
-            if one.rotation is not None and one.rotation_repeatability is not None
+            (pose.pose, *(measure(angle, None, "rad") for angle in (*pose.rotation, *pose.rotation_repeatability)))
+            for pose in poses
+            if pose.rotation is not None and pose.rotation_repeatability is not None
         ),
         bars=_bars(drawn),
         worst=_scatter(loosest),
         worst_caption=f"Attained positions of {loosest.pose}, least repeatable, about their barycentre; circle: RP.",
         variations=tuple(
             (
-                one.pose,
-                one.of,
-                str(one.number),
-                ("vAP " if one.of == "directions" else "dAP ") + millimetres(one.accuracy),
-                "" if one.repeatability is None else f"dRP {millimetres(one.repeatability)}",
-                millimetres(one.shift),
+                characteristic.pose,
+                characteristic.of,
+                str(characteristic.number),
+                ("vAP " if characteristic.of == "directions" else "dAP ") + millimetres(characteristic.accuracy),
+                "" if characteristic.repeatability is None else f"dRP {millimetres(characteristic.repeatability)}",
+                millimetres(characteristic.shift),
             )
-            for one in (*found.directions, *found.drifts)
+            for characteristic in (*performance.directions, *performance.drifts)
         ),
-        remarks=found.remarks,
+        remarks=performance.remarks,
         campaign=(
-            *facts(arm, measurements, f"{sum(one.cycles for one in poses)} cycles of {len(measurements)} rows driven"),
+            *facts(
+                arm, measurements, f"{sum(pose.cycles for pose in poses)} cycles of {len(measurements)} rows driven"
+            ),
         ),
         flags=[flag.text for flag in (*arm.flags, *measurements.flags)],
     )
 
 
-def table(found: PosePerformance) -> tuple[list[str], tuple[tuple[str, ...], ...]]:
+def table(performance: PosePerformance) -> tuple[list[str], tuple[tuple[str, ...], ...]]:
     """Return heads and rows, one for each pose."""
-    modelled = any(one.predicted is not None for one in found.poses)
+    modelled = any(pose.predicted is not None for pose in performance.poses)
     head = ["pose", "payload", "session", "cycles", "AP [mm]", "noise", "x [mm]", "y", "z", "RP [mm]", "of noise"]
-    return head + ["AP with model"] * modelled, tuple(_row(one, modelled) for one in found.poses)
+    return head + ["AP with model"] * modelled, tuple(_row(pose, modelled) for pose in performance.poses)
 
 
-def _said(one: Characteristic | None) -> str:
-    return "not stated" if one is None else millimetres(one.value, one.std)
+def _said(characteristic: Characteristic | None) -> str:
+    return "not stated" if characteristic is None else millimetres(characteristic.value, characteristic.std)
 
 
-def _row(one: AttainedPose, modelled: bool) -> tuple[str, ...]:
+def _row(pose: AttainedPose, modelled: bool) -> tuple[str, ...]:
     """Return a row of the table, lengths in mm; an asterisk where directions are mixed."""
 
     def plain(*lengths: float | None) -> tuple[str, ...]:
         return tuple(millimetres(length).removesuffix(" mm") for length in lengths)
 
-    cycles = f"{one.cycles} (+ {one.excluded} excluded)" if one.excluded else str(one.cycles)
-    named = (one.pose + " *" * (one.direction is None), one.payload, one.session, cycles)
-    about, again = (_said(figure).removesuffix(" mm") for figure in (one.accuracy, one.repeatability))
-    sizes = (None,) * 4 if one.accuracy is None or one.offset is None else (one.accuracy.instrument, *one.offset)
-    own, model = plain(*sizes), plain(one.predicted) if modelled else ()
-    return (*named, about, *own, again, *plain(one.repeatability.instrument), *model)
+    cycles = f"{pose.cycles} (+ {pose.excluded} excluded)" if pose.excluded else str(pose.cycles)
+    named = (pose.pose + " *" * (pose.direction is None), pose.payload, pose.session, cycles)
+    about, again = (_said(figure).removesuffix(" mm") for figure in (pose.accuracy, pose.repeatability))
+    sizes = (None,) * 4 if pose.accuracy is None or pose.offset is None else (pose.accuracy.instrument, *pose.offset)
+    figures, model = plain(*sizes), plain(pose.predicted) if modelled else ()
+    return (*named, about, *figures, again, *plain(pose.repeatability.instrument), *model)
 
 
 def _bars(poses: list[AttainedPose]) -> str:
@@ -99,25 +108,25 @@ def _bars(poses: list[AttainedPose]) -> str:
     figure, axes = canvas(10.0, 4.4, 2, 1, sharex=True)
     place = np.arange(len(poses))
     for panel, name, colour in zip(axes, ("accuracy", "repeatability"), (BEFORE, AFTER), strict=True):
-        values = [getattr(one, name) or Characteristic(0.0, None, None) for one in poses]
-        panel.bar(place, [1e3 * one.value for one in values], width=0.7, color=colour)
-        std = [1e3 * (one.std or 0.0) for one in values]
-        panel.errorbar(place, [1e3 * one.value for one in values], std, fmt="none", ecolor=MUTED, linewidth=1.0)
-        panel.bar(place, [1e3 * (one.instrument or 0.0) for one in values], width=0.7, color=MUTED, alpha=0.6)
+        values = [getattr(pose, name) or Characteristic(0.0, None, None) for pose in poses]
+        panel.bar(place, [1e3 * value.value for value in values], width=0.7, color=colour)
+        std = [1e3 * (value.std or 0.0) for value in values]
+        panel.errorbar(place, [1e3 * value.value for value in values], std, fmt="none", ecolor=MUTED, linewidth=1.0)
+        panel.bar(place, [1e3 * (value.instrument or 0.0) for value in values], width=0.7, color=MUTED, alpha=0.6)
         grid(panel, "y")
         panel.set(ylabel="mm", title="AP" if name == "accuracy" else "RP")
-    axes[-1].set_xticks(place, [cut(one.pose, 10) for one in poses], rotation=90 if len(poses) > 12 else 0)
+    axes[-1].set_xticks(place, [cut(pose.pose, 10) for pose in poses], rotation=90 if len(poses) > 12 else 0)
     return inline(figure, "pose accuracy and repeatability")
 
 
-def _scatter(one: AttainedPose) -> str:
+def _scatter(pose: AttainedPose) -> str:
     """Return the attained positions of a pose about their barycentre, from three sides."""
     figure, axes = canvas(10.0, 3.4, 1, 3)
-    apart, radius = 1e3 * (one.attained - one.attained.mean(axis=0)), 1e3 * one.repeatability.value
+    apart, radius = 1e3 * (pose.attained - pose.attained.mean(axis=0)), 1e3 * pose.repeatability.value
     angle = np.linspace(0.0, 2.0 * np.pi, 90)
     for panel, (i, j) in zip(axes, ((0, 1), (0, 2), (1, 2)), strict=True):
         panel.plot(radius * np.cos(angle), radius * np.sin(angle), color=MUTED, linewidth=1.0)
         panel.scatter(apart[:, i], apart[:, j], s=14, color=AFTER, linewidths=0)
         panel.set(xlabel=f"{'xyz'[i]} [mm]", ylabel=f"{'xyz'[j]} [mm]", aspect="equal")
         grid(panel)
-    return inline(figure, f"attained positions of {one.pose}")
+    return inline(figure, f"attained positions of {pose.pose}")

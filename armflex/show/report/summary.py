@@ -27,7 +27,7 @@ def headline(trace: Trace) -> str:
         names = [called(effect) for effect, _ in trace.accepted] or ["nothing"]
         return f"Accepted so far, not compared: {joined(names)}."
     if len(trace.named) > MOST_NAMED:
-        several = joined([called(one.effect, one.number) for one in trace.named[:MOST_NAMED]])
+        several = joined([called(effect.effect, effect.number) for effect in trace.named[:MOST_NAMED]])
         return f"{len(trace.named)} effects identified, first of all {several}."
     if not trace.named and trace.common:
         return f"The drives have in common: {joined(trace.common[:MOST_NAMED])}."
@@ -35,12 +35,12 @@ def headline(trace: Trace) -> str:
         return "These data cannot decide what is missing."
     if trace.named:
         parts = []
-        for one in trace.named:
-            effect, units = one.effect, units_of(one.effect)
+        for identified in trace.named:
+            effect, units = identified.effect, units_of(identified.effect)
             names = [effect.law.amplitudes[i].name for i in effect.location.terms]
-            values = [f"{name} {measure(effect.named[name], one.std[name], units[name])}" for name in names]
+            values = [f"{name} {measure(effect.named[name], identified.std[name], units[name])}" for name in names]
             few = f": {joined(values)}" if len(values) <= MOST_VALUES else ""
-            parts.append(called(effect, one.number) + few)
+            parts.append(called(effect, identified.number) + few)
         return f"Identified: {'; and '.join(parts)}."
     if trace.unsettled:
         return "Something is missing whose cause these data do not settle."
@@ -63,18 +63,24 @@ def accuracy_sentence(accurate: Accuracy, trace: Trace) -> str:
 def further(trace: Trace) -> list[str]:
     """Return what has to be said beside the result: what is not distinguished, what is left, what would have shown."""
     said = [f"The search was ended {trace.ended}: more effects may be missing."] if trace.ended else []
-    for one in trace.named:
-        own = called(one.effect)
-        others = [other for other in dict.fromkeys(called(effect) for effect, _ in one.equivalent) if other != own]
+    for identified in trace.named:
+        name = called(identified.effect)
+        others = [
+            other for other in dict.fromkeys(called(effect) for effect, _ in identified.equivalent) if other != name
+        ]
         if others:
             shown = [*others[:3], f"{len(others) - 3} more"] if len(others) > 3 else others
-            said.append(f"These data do not distinguish {called(one.effect, one.number)} from {joined(shown)}.")
-        elif one.equivalent:
-            said.append(f"These data do not settle which terms of {words(one.effect.law.name).title} act.")
-    said += [unsettled(one) for one in trace.unsettled]
-    for one in trace.found:
-        if one.effect.another_day:
-            said.append(f"On another day, of {called(one.effect, one.number)}: {one.effect.another_day}.")
+            said.append(
+                f"These data do not distinguish {called(identified.effect, identified.number)} from {joined(shown)}."
+            )
+        elif identified.equivalent:
+            said.append(f"These data do not settle which terms of {words(identified.effect.law.name).title} act.")
+    said += [unsettled(effect) for effect in trace.unsettled]
+    for identified in trace.found:
+        if identified.effect.another_day:
+            said.append(
+                f"On another day, of {called(identified.effect, identified.number)}: {identified.effect.another_day}."
+            )
     if trace.common:
         said.append(f"In the arm at all drives, with no single place: {joined(trace.common)}.")
     if (drawn := trace.resampled) is not None and drawn.mismatch > 1.0:
@@ -82,6 +88,9 @@ def further(trace: Trace) -> list[str]:
             f"Held-out {drawn.by} differ {short(drawn.mismatch)} times as much as noise and chance allow: something is "
             f"left that nothing here describes. Probabilities are averages over {len(drawn.times)} resamples of them."
         )
+    if rivals := trace.predicted.rivals:
+        titles = joined(list(dict.fromkeys(one.effect.title for one in rivals)))
+        said.append(f"Predictions are averages over models, some of which have instead, or beside: {titles}.")
     if trace.undecided is not None:
         said.append(trace.undecided.text)
     readings = trace.state.fit.view.readings
@@ -93,8 +102,8 @@ def further(trace: Trace) -> list[str]:
     elif not 0.8 < trace.noise < 1.2:
         said.append(f"The readings scatter {short(trace.noise)} times as much as their stated noise.")
     if not trace.found and trace.smallest:
-        least = min(trace.smallest, key=lambda one: one.least)
-        best, worst = (float(np.median([getattr(one, name) for one in trace.smallest])) for name in ("least", "most"))
+        least = min(trace.smallest, key=lambda size: size.least)
+        best, worst = (float(np.median([getattr(size, name) for size in trace.smallest])) for name in ("least", "most"))
         said.append(
             f"The smallest effect that this campaign would have shown: {words(least.effect).title} from "
             f"{millimetres(least.least, unit=unit)} RMS {readings.where_read}. Half of the {len(trace.smallest)} laws "
@@ -118,23 +127,24 @@ def left(unexplained: Unexplained, readings: Readings) -> str:
     return text + "."
 
 
-def unsettled(found: Found) -> str:
+def unsettled(identified: Found) -> str:
     """Return what something may be that has no name, the likeliest first."""
-    own = called(found.effect, found.number)
+    name = called(identified.effect, identified.number)
     causes = sorted(
-        [(found.probability, own), *((chance, called(one)) for one, chance in found.credible)], reverse=True
+        [(identified.probability, name), *((chance, called(effect)) for effect, chance in identified.credible)],
+        reverse=True,
     )
     said = [f"{name} ({chance:.0%})" for chance, name in causes]
     shown = [*said[:3], f"{len(said) - 3} more"] if len(said) > 3 else said
-    values = "" if found.determined else ", of which these rows determine no value by itself"
-    return f"Not settled: {joined(shown)}. The arm has {own}{values}."
+    values = "" if identified.determined else ", of which these rows determine no value by itself"
+    return f"Not settled: {joined(shown)}. The arm has {name}{values}."
 
 
-def sure(found: Found) -> str:
+def sure(identified: Found) -> str:
     """Return why an effect is accepted."""
-    proof = found.proof
-    odds = f"its log odds beside the other effects {short(found.evidence / 2)}"
-    parts = [f"Its probability is {found.probability:.1%}, {odds}."]
+    proof = identified.proof
+    odds = f"its log odds beside the other effects {short(identified.evidence / 2)}"
+    parts = [f"Its probability is {identified.probability:.1%}, {odds}."]
     fall = f"The squared error of poses held out fell by {short(proof.errors_apart)} standard errors"
     if proof.errors_apart <= 0.0:
         fall = "The squared error of poses held out did not fall"

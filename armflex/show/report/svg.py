@@ -107,7 +107,7 @@ def inline(figure: Figure, name: str) -> str:
 def _themed(tag: re.Match) -> str:
     """Return a tag whose style follows the page's theme."""
     plain = tag[0].replace("xlink:href=", "href=")
-    colours = partial(re.sub, r"#0[1-8]0[1-8]0[1-8]", lambda found: f"var(--{VARIABLES[found[0]]})")
+    colours = partial(re.sub, r"#0[1-8]0[1-8]0[1-8]", lambda match: f"var(--{VARIABLES[match[0]]})")
     return re.sub(r'style="[^"]*"', lambda style: colours(style[0]), plain)
 
 

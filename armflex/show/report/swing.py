@@ -26,9 +26,9 @@ def swing(arm: Arm, measurements: Measurements, rows: np.ndarray) -> SimpleNames
         return None
     carried = measurements.payload
     row = int(rows[np.argmax([arm.payload(carried[i]).mass for i in rows])])
-    known = {name: values[row] for name, values in measurements.known.items()}
+    columns = {name: values[row] for name, values in measurements.known.items()}
     try:
-        given = {"covariates": known, "wrenches": wrenches_in(measurements.wrenches, row), "enforce_limits": False}
+        given = {"covariates": columns, "wrenches": wrenches_in(measurements.wrenches, row), "enforce_limits": False}
         rest = arm.deflection(measurements.q[row], carried[row], **given)
         modes = arm.modes(measurements.q[row], carried[row], count=MOST, **given)
     except ArmflexError as error:

@@ -51,9 +51,9 @@ def account(trace: Trace) -> SimpleNamespace:
         at_target=view.at_target(accurate.after.rms),
         errors=_errors(trace, accurate),
         error_title=cover.error_title(view.readings),
-        found=tuple(row for index, one in enumerate(trace.found) if one.is_named for row in _values(trace, index))[
-            : cover.ON_COVER
-        ],
+        found=tuple(
+            row for index, effect in enumerate(trace.found) if effect.is_named for row in _values(trace, index)
+        )[: cover.ON_COVER],
         found_title="Effects identified",
         points=cover.points(trace.state.measurements, trace.rows, accurate.after, accurate.before, left_over)
         if placed
@@ -64,7 +64,7 @@ def account(trace: Trace) -> SimpleNamespace:
         campaign=cover.facts(trace.arm, trace.state.measurements, used),
         families=_families(trace),
         numbers=_numbers(trace, accurate),
-        halves=[one.cells for one in counted(trace.halves or ())],
+        halves=[half.cells for half in counted(trace.halves or ())],
         halves_head=summary.HALVES_HEAD,
         size=_errors_of(trace)[1],
         workspace=figures.workspace(trace) if trace.state.measurements.positioned.any() else "",
@@ -78,12 +78,12 @@ def account(trace: Trace) -> SimpleNamespace:
         detectable=figures.detectable(trace.smallest, accurate.stated, view.readings) if trace.smallest else "",
         outliers=tuple(
             (
-                places[one.row].short if places else f"row {one.row}",
-                trace.state.measurements.pose[one.row],
-                millimetres(one.error_m, unit=one.shown_in),
-                f"{one.kind} with {one.fellow}" if one.fellow else one.kind,
+                places[outlier.row].short if places else f"row {outlier.row}",
+                trace.state.measurements.pose[outlier.row],
+                millimetres(outlier.error_m, unit=outlier.shown_in),
+                f"{outlier.kind} with {outlier.fellow}" if outlier.fellow else outlier.kind,
             )
-            for one in trace.outliers[:SHOWN]
+            for outlier in trace.outliers[:SHOWN]
         ),
         swing=swing(trace.arm, trace.state.measurements, trace.rows),
         flags=[flag.text for flag in (*trace.arm.flags, *trace.state.measurements.flags)],
@@ -96,9 +96,13 @@ def account(trace: Trace) -> SimpleNamespace:
 
 def _parameters(trace: Trace) -> SimpleNamespace:
     """Return what became of declared parameters whose prior says how far they may move."""
-    own = (ParameterKind.EFFECT, ParameterKind.UNEXPLAINED)
+    shown_elsewhere = (ParameterKind.EFFECT, ParameterKind.UNEXPLAINED)
     before, after = (
-        [one for one in parameters(fit) if np.isfinite(one.prior) and one.kind not in own]
+        [
+            parameter
+            for parameter in parameters(fit)
+            if np.isfinite(parameter.prior) and parameter.kind not in shown_elsewhere
+        ]
         for fit in (trace.before, trace.state.fit)
     )
     called_in = in_dh_words(trace.arm.robot)
@@ -107,16 +111,16 @@ def _parameters(trace: Trace) -> SimpleNamespace:
         pulls=figures.pulls(before, after, bool(trace.found), called_in) if after else "",
         moved=tuple(
             (
-                *cover.changed(one, called_in),
-                f"{100.0 * one.prior:.3g} %"
-                if one.kind is ParameterKind.COMPLIANCE
-                else measure(one.prior, None, one.unit),
-                f"{abs(one.pull):.1f}",
+                *cover.changed(parameter, called_in),
+                f"{100.0 * parameter.prior:.3g} %"
+                if parameter.kind is ParameterKind.COMPLIANCE
+                else measure(parameter.prior, None, parameter.unit),
+                f"{abs(parameter.pull):.1f}",
             )
-            for one in after
-            if one.surprising
+            for parameter in after
+            if parameter.surprising
         ),
-        undetermined=cover.reasons(trace.arm, [one for one in after if not one.determined]),
+        undetermined=cover.reasons(trace.arm, [parameter for parameter in after if not parameter.determined]),
     )
 
 
@@ -158,24 +162,24 @@ def _errors(trace: Trace, accurate: Accuracy) -> Table:
 
 def _values(trace: Trace, index: int) -> Table:
     """Return an effect's values, a row each, the first with its name: signed, and waves by amplitude and phase."""
-    found = trace.found[index]
-    units, heading = units_of(found.effect), called(found.effect, found.number)
+    effect = trace.found[index]
+    units, heading = units_of(effect.effect), called(effect.effect, effect.number)
     wave = effect_figures.wave(trace, index)
-    named = found.effect.named.items()
-    rows = wave or [f"{name} = {cover.signed(value, found.std.get(name), units[name])}" for name, value in named]
+    named = effect.effect.named.items()
+    rows = wave or [f"{name} = {cover.signed(value, effect.std.get(name), units[name])}" for name, value in named]
     return tuple((heading if i == 0 else "", row) for i, row in enumerate(rows[:4]))
 
 
 def _numbers(trace: Trace, accurate: Accuracy) -> Table:
     """Return name, before and after of every error there is; where nothing was found, name and value."""
-    found, said = trace.found, _errors_of(trace)[0]
+    effects, said = trace.found, _errors_of(trace)[0]
     sessions = trace.held_out_sessions or (None, None)
     again = (None, None) if trace.compared is None else (trace.compared.before, trace.compared.after)
     rows = [
         ("Poses held out", *(said(errors.rms, errors.std) for errors in (accurate.before, accurate.after))),
-        ("Poses held out, effects chosen without them", *(said(one) for one in again)),
-        ("Whole sessions held out", *(said(one) for one in sessions)),
-        ("Readings that were fitted", *(said(one) for one in accurate.fitted)),
+        ("Poses held out, effects chosen without them", *(said(errors) for errors in again)),
+        ("Whole sessions held out", *(said(errors) for errors in sessions)),
+        ("Readings that were fitted", *(said(errors) for errors in accurate.fitted)),
         (f"As declared, only the {trace.calibration.placing} ", said(trace.declared_rms), ""),
         ("Noise as stated", "", said(accurate.stated)),
         ("Noise, if the final residual is nothing else", "", said(trace.noise * accurate.stated)),
@@ -183,7 +187,7 @@ def _numbers(trace: Trace, accurate: Accuracy) -> Table:
     if accurate.again is not None:
         rows.append(("Scatter of repeats", "", millimetres(*scatter_rms(accurate.again))))
     kept = [row for row in rows if row[1:] != ("–", "–")]
-    return tuple(kept) if found else tuple((row[0], row[2] or row[1]) for row in kept)
+    return tuple(kept) if effects else tuple((row[0], row[2] or row[1]) for row in kept)
 
 
 def _families(trace: Trace) -> Table:
@@ -204,19 +208,19 @@ def _families(trace: Trace) -> Table:
 
 
 def _effect(trace: Trace, index: int) -> SimpleNamespace:
-    found, say = trace.found[index], _errors_of(trace)[0]
-    heading, proof, units = called(found.effect, found.number), found.proof, units_of(found.effect)
-    std = {name: one for name, one in found.std.items() if np.isfinite(one)}
-    said = {name: "" if name in std else "not determined" for name in found.std}
+    effect, say = trace.found[index], _errors_of(trace)[0]
+    heading, proof, units = called(effect.effect, effect.number), effect.proof, units_of(effect.effect)
+    std = {name: sigma for name, sigma in effect.std.items() if np.isfinite(sigma)}
+    said = {name: "" if name in std else "not determined" for name in effect.std}
     held_out = [("Poses held out", say(proof.before), say(proof.after))]
     if proof.sessions_before is not None:
         sessions = (say(proof.sessions_before), say(proof.sessions_after))
         held_out.append(("Whole sessions held out", *sessions))
-    heading = heading if found.is_named else f"not settled: {heading}"
+    heading = heading if effect.is_named else f"not settled: {heading}"
     return SimpleNamespace(
         heading=heading[0].upper() + heading[1:],
-        name=labelled(found.effect, found.number),
-        words=words(found.effect.law.name),
+        name=labelled(effect.effect, effect.number),
+        words=words(effect.effect.law.name),
         values=(
             *(
                 (text.partition(" = ")[0], text.partition(" = ")[2], "of both")
@@ -224,28 +228,28 @@ def _effect(trace: Trace, index: int) -> SimpleNamespace:
             ),
             *(
                 (name, cover.signed(value, std.get(name), units[name]), said.get(name, "chosen, not fitted"))
-                for name, value in found.effect.named.items()
+                for name, value in effect.effect.named.items()
             ),
         ),
-        sure=summary.sure(found),
+        sure=summary.sure(effect),
         proof=tuple(held_out),
-        equivalent=tuple((called(effect), labelled(effect), short(less)) for effect, less in found.equivalent),
+        equivalent=tuple((called(effect), labelled(effect), short(less)) for effect, less in effect.equivalent),
         against=effect_figures.against_suspect(trace, index),
-        ranking=effect_figures.ranking(found, index + 1),
+        ranking=effect_figures.ranking(effect, index + 1),
         posterior=effect_figures.posterior(trace, index),
     )
 
 
 def _hidden(trace: Trace) -> Table:
     """Return laws that were not identifiable: where fitted parameters hide them, and where they move nothing."""
-    added = {(one.effect.law.name, one.effect.location.place) for one in trace.found}
+    added = {(effect.effect.law.name, effect.effect.location.place) for effect in trace.found}
     rows: dict[str, tuple[list[str], list[str]]] = {}
     called_in = in_dh_words(trace.arm.robot)
-    for one in trace.not_identifiable:
-        if (one.effect, one.site) in added:
+    for hidden in trace.not_identifiable:
+        if (hidden.effect, hidden.site) in added:
             continue  # hidden by itself
-        place = site_words(one.site)
-        partner = "" if one.partner is None else one.partner.label
+        place = site_words(hidden.site)
+        partner = "" if hidden.partner is None else hidden.partner.label
         named = f"{place} ({called_in.get(partner, (partner,))[0]})" if partner else place
-        rows.setdefault(one.effect, ([], []))[one.partner is None].append(named)
+        rows.setdefault(hidden.effect, ([], []))[hidden.partner is None].append(named)
     return tuple((words(law).title, "; ".join(taken), ", ".join(still)) for law, (taken, still) in rows.items())

@@ -55,7 +55,7 @@ def with_std(value: float, std: float | None) -> str:
 
 def scaled(size: float, unit: str) -> tuple[float, str]:
     """Return a factor and the unit that it makes of one: 1e-3 and 'mrad' for a size of 0.002 rad."""
-    shown = re.sub(r"\^(\d)", lambda found: found[1].translate(_SUPERSCRIPT), _PLAIN.get(unit, unit))
+    shown = re.sub(r"\^(\d)", lambda match: match[1].translate(_SUPERSCRIPT), _PLAIN.get(unit, unit))
     if unit in ("1", "1/K") and 0.0 < size < SHARE:
         return (1e-6, "ppm" + unit[1:]) if size < 1e-3 else (1e-2, "%" + unit[1:])
     if not _NUMERATOR.match(unit) or size == 0.0:

@@ -178,13 +178,13 @@ def view(
     if magnification is not None and not 0.0 < magnification <= LARGEST_MAGNIFICATION:
         raise InputError(f"magnification must be positive and at most {LARGEST_MAGNIFICATION:g}, got {magnification}")
     magnification = None if magnification is None else 1.0 * magnification
-    known = covariates or {}
+    columns = covariates or {}
     if trajectory is None:
         here = arm.position() if q is None else arm.checked(q, "q")
-        asked = {"covariates": settled_covariates(arm, known), "wrenches": wrenches}
+        asked = {"covariates": settled_covariates(arm, columns), "wrenches": wrenches}
         motion = Motion(np.zeros(1), (arm.deflection(here, payload, **asked),), 0, 1)
     else:
-        trajectory = trajectory.with_constants(arm, known).prepared(arm)
+        trajectory = trajectory.with_constants(arm, columns).prepared(arm)
         motion = motion_along(arm, trajectory, progress)
     page = Page(render_page(arm_scene(arm, motion, trajectory, report, magnification, meshes)))
     return page if path is None else page.write(path)
@@ -299,15 +299,15 @@ def posable(arm: Arm, shown: Deflection, factor: float, when: str = "") -> dict[
             joint, link = parent[link]
             yield joint.name
 
-    def flexed(found: Deflection, further: Array | None = None) -> Array:
-        one, other = found.link_poses(0.0), found.link_poses(factor, further)
-        apart = [np.linalg.inv(one[link]) @ other[link] for link in links]
+    def flexed(deflection: Deflection, further: Array | None = None) -> Array:
+        rigid, other = deflection.link_poses(0.0), deflection.link_poses(factor, further)
+        apart = [np.linalg.inv(rigid[link]) @ other[link] for link in links]
         return np.array([[*pose[:3, 3], *pin.log3(pose[:3, :3])] for pose in apart])
 
     def asked(q: Array) -> Deflection:
         case = shown.case
-        known = dict(case.covariates)
-        return arm.deflection(q, shown.payload, covariates=known, wrenches=case.wrenches, enforce_limits=False)
+        columns = dict(case.covariates)
+        return arm.deflection(q, shown.payload, covariates=columns, wrenches=case.wrenches, enforce_limits=False)
 
     now, sliders = flexed(shown), []
     for i, joint in enumerate(robot.moving):
@@ -379,9 +379,9 @@ def _arrows(arm: Arm, motion: Motion, flexed: Poses) -> Iterator[Node]:
         yield Node("forces/gravity", place[None], _arrow(0.15 * reach, GRAVITY))
     pulls: dict[str, list[tuple[Array, Array]]] = {}
     for frame, poses in zip(motion.frames, flexed, strict=True):
-        for i, one in enumerate(frame.case.wrenches):
-            force = one.at(poses[one.frame])[:3]
-            pulls.setdefault(f"forces/{i + 1} {_leaf(one.frame)}", []).append((force, poses[one.frame][:3, 3]))
+        for i, wrench in enumerate(frame.case.wrenches):
+            force = wrench.at(poses[wrench.frame])[:3]
+            pulls.setdefault(f"forces/{i + 1} {_leaf(wrench.frame)}", []).append((force, poses[wrench.frame][:3, 3]))
     most = max((float(np.linalg.norm(force)) for all_of in pulls.values() for force, _ in all_of), default=0.0)
     for name, all_of in pulls.items():
         largest = max(float(np.linalg.norm(force)) for force, _ in all_of)
@@ -389,9 +389,9 @@ def _arrows(arm: Arm, motion: Motion, flexed: Poses) -> Iterator[Node]:
             places = [_upon(force / (np.linalg.norm(force) or 1.0)) for force, _ in all_of]
             for place, (_, point) in zip(places, all_of, strict=True):
                 place[:3, 3] = point
-            one = motion.frames[0].case.wrenches[int(name.split("/")[1].split(" ")[0]) - 1]
+            wrench = motion.frames[0].case.wrenches[int(name.split("/")[1].split(" ")[0]) - 1]
             size = reach * (0.06 + 0.14 * largest / most)
-            yield Node(name, np.array(places), _arrow(size, FORCE), one.frame, turns=not one.dead)
+            yield Node(name, np.array(places), _arrow(size, FORCE), wrench.frame, turns=not wrench.dead)
 
 
 def _arrow(length: float, color: str) -> tuple[Shape, ...]:
@@ -424,14 +424,17 @@ def nice_magnification(arm: Arm, motion: Motion) -> float:
     return float(max(allowed, default=1)) if most > 1e-9 else 1.0
 
 
-def contribution_colors(found: Deflection) -> dict[str, str]:
+def contribution_colors(deflection: Deflection) -> dict[str, str]:
     """Return a colour for each flexure by its share along the tip's displacement."""
-    shares = np.abs(found.shares())
+    shares = np.abs(deflection.shares())
     fractions = shares / (shares.max(initial=0.0) or 1.0)
     stops = np.array([[int(stop[i : i + 2], 16) for i in (1, 3, 5)] for stop in SCALE], dtype=float)
     channels = [np.interp(fractions, np.linspace(0.0, 1.0, len(SCALE)), stop) for stop in stops.T]
-    colors = ("#" + "".join(f"{round(channel):02x}" for channel in one) for one in zip(*channels, strict=True))
-    return dict(zip(found.names.flexures, colors, strict=True))
+    colors = (
+        "#" + "".join(f"{round(channel):02x}" for channel in channel_values)
+        for channel_values in zip(*channels, strict=True)
+    )
+    return dict(zip(deflection.names.flexures, colors, strict=True))
 
 
 def _link_shapes(arm: Arm, motion: Motion, meshes: bool) -> tuple[dict[str, tuple[Shape, ...]], tuple[str, ...]]:
@@ -449,20 +452,20 @@ def _link_shapes(arm: Arm, motion: Motion, meshes: bool) -> tuple[dict[str, tupl
         if joint.kind == "prismatic" and joint in arm.robot.jointed
     }
     joined = {}
-    for one in (*arm.robot.linkage.loops, *arm.robot.linkage.cylinders):
-        joined.setdefault(one.link, []).append(one.at)
-        joined.setdefault(one.to, []).append(one.at_to)
+    for closure in (*arm.robot.linkage.loops, *arm.robot.linkage.cylinders):
+        joined.setdefault(closure.link, []).append(closure.at)
+        joined.setdefault(closure.to, []).append(closure.at_to)
     for name, link in arm.robot.urdf.links.items():
-        shapes, known = [], len(missing)
+        shapes, missed = [], len(missing)
         for visual in link.visuals:
             size, color = np.array(visual.size), visual.color or STEEL
             if visual.kind != "mesh" and size.min() > 0.0:
                 shapes.append(Shape(cast("ShapeKind", visual.kind), size, visual.pose, color))
-            elif visual.kind == "mesh" and meshes and (found := read_mesh(arm.robot.urdf.path, visual.mesh or "")):
-                shapes.append(Shape("mesh", size, visual.pose, color, data=found[0], data_format=found[1]))
+            elif visual.kind == "mesh" and meshes and (file := read_mesh(arm.robot.urdf.path, visual.mesh or "")):
+                shapes.append(Shape("mesh", size, visual.pose, color, data=file[0], data_format=file[1]))
             elif visual.kind == "mesh":
                 missing.append(visual.mesh or "")
-        if not shapes or len(missing) > known:
+        if not shapes or len(missing) > missed:
             ends = [joint.origin for joint in arm.robot.urdf.children[name]]
             ends += [slides[name]] if name in slides else []
             ends += joined.get(name, [])
@@ -544,8 +547,8 @@ def _ties(arm: Arm, flexed: Poses) -> Iterator[Node]:
             f"loops/{_leaf(loop.name)}", poses, (Shape("sphere", np.array([1.2 * radius]), color=PIN),), loop.link
         )
     for kind, ties in (("cylinders", arm.robot.linkage.cylinders), ("springs", arm.springs)):
-        for one in ties:
-            ends = at(one.link, one.at), at(one.to, one.at_to)
+        for tie in ties:
+            ends = at(tie.link, tie.at), at(tie.to, tie.at_to)
             longest = float(np.linalg.norm(ends[1] - ends[0], axis=1).max())
             for part, (here, there), thick in (("barrel", ends, 1.0), ("rod", ends[::-1], 0.55)):
                 poses = np.array([_along(end) for end in there - here])
@@ -554,7 +557,7 @@ def _ties(arm: Arm, flexed: Poses) -> Iterator[Node]:
                 place[2, 3] = 0.275 * longest
                 size = np.array([thick * radius, 0.55 * longest])
                 shape = Shape("cylinder", size, place, TIE if kind == "cylinders" else SPRING)
-                yield Node(f"{kind}/{_leaf(one.name)} {part}", poses, (shape,))
+                yield Node(f"{kind}/{_leaf(tie.name)} {part}", poses, (shape,))
 
 
 def payload_box(payload: Payload) -> tuple[Array, Array]:
@@ -583,11 +586,11 @@ def _parts(
         link = child[flexure.joint]
         name = flexure.name if flexure.joint == f"{flexure.name}:end" else f"part:{flexure.name}"  # a link, or a joint
         twist = factor * shown.twists[arm.flexure_names.index(flexure.name)]
-        for group, own, placed in (("rigid", np.zeros(6), rigid), ("flexed", twist, flexed)):
-            if (found := drawing.bent(own)) is None:
+        for group, bend, placed in (("rigid", np.zeros(6), rigid), ("flexed", twist, flexed)):
+            if (surface := drawing.bent(bend)) is None:
                 continue
             color, opacity = (GHOST, 0.22) if group == "rigid" else (colors[flexure.name], 1.0)
-            corners = found[0][found[1]]
+            corners = surface[0][surface[1]]
             facets = np.zeros(len(corners), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
             facets["normal"] = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
             facets["normal"] /= np.linalg.norm(facets["normal"], axis=1, keepdims=True).clip(1e-30)
@@ -638,8 +641,8 @@ def _legend(
         yield LegendRow(FLEXED_PATH, f"tip {'path' if trajectory is not None else 'shift'}, flexed × {factor:g}")
     if shown.payload.mass:
         yield LegendRow(LOAD, "payload", f"{shown.payload.mass:g} kg")
-    for one in shown.case.wrenches:
-        yield LegendRow(FORCE, f"force at {one.frame}", f"{number(float(np.linalg.norm(one.force)), 3)} N")
+    for wrench in shown.case.wrenches:
+        yield LegendRow(FORCE, f"force at {wrench.frame}", f"{number(float(np.linalg.norm(wrench.force)), 3)} N")
     if np.any(shown.arm.robot.gravity):
         yield LegendRow(GRAVITY, "gravity", f"{float(np.linalg.norm(shown.arm.robot.gravity)):.3g} m/s²")
     if report is not None:
@@ -660,14 +663,14 @@ def _table(motion: Motion, trajectory: Trajectory | None, report: CheckReport | 
     if report is not None:
         rows = [
             (
-                one.name,
-                f"{one.time:g}",
-                number(one.displacement_m * 1e3, 4, TINY)
-                + ("" if one.sigma_m is None else f" ± {number(one.sigma_m * 1e3, 2, TINY)}"),
-                number(one.margin_m * 1e3, 3),
-                one.verdict,
+                point.name,
+                f"{point.time:g}",
+                number(point.displacement_m * 1e3, 4, TINY)
+                + ("" if point.sigma_m is None else f" ± {number(point.sigma_m * 1e3, 2, TINY)}"),
+                number(point.margin_m * 1e3, 3),
+                point.verdict,
             )
-            for one in sorted(report.via_points, key=lambda point: point.time)
+            for point in sorted(report.via_points, key=lambda point: point.time)
         ]
         return (("name", "s", "moves mm", "margin mm", "verdict"), *rows) if rows else ()
     via = {} if trajectory is None else dict(zip(trajectory.time.tolist(), trajectory.via, strict=True))

@@ -94,11 +94,11 @@ def draw_laws(arm: Arm, path: str | Path, points: Mapping[str, Curve] | None = N
         ShapeError: They are not (M, 6) each.
         FileError: It cannot be written.
     """
-    path, known = Path(path), dict(points or {})
+    path, curves = Path(path), dict(points or {})
     check_ending(path)
     lines = _lines(arm)
-    names = list(dict.fromkeys(one.name for line in lines for one in line))
-    for name, pair in known.items():
+    names = list(dict.fromkeys(section.name for line in lines for section in line))
+    for name, pair in curves.items():
         if name not in names:
             raise UnknownNameError("learned flexure", name, names)
         for what, values in zip(("loads", "twists"), pair, strict=True):
@@ -107,10 +107,10 @@ def draw_laws(arm: Arm, path: str | Path, points: Mapping[str, Curve] | None = N
     with picture(path, 10.8, 2.5 * len(lines) + 0.5, dpi=110.0) as figure:
         places = figure.subplots(len(lines), 3, squeeze=False)
         for panels, line in zip(places, lines, strict=True):
-            for axes in panels[[place not in [one.axis % 3 for one in line] for place in range(3)]]:
+            for axes in panels[[place not in [section.axis % 3 for section in line] for place in range(3)]]:
                 axes.set_axis_off()
-            for one in line:
-                _draw(panels[one.axis % 3], one, known.get(one.name))
+            for section in line:
+                _draw(panels[section.axis % 3], section, curves.get(section.name))
         shown = {
             name: handle for axes in places.flat for handle, name in zip(*axes.get_legend_handles_labels(), strict=True)
         }
@@ -129,34 +129,36 @@ def _lines(arm: Arm) -> list[list[Slice]]:
             every = [[Slice(flexure.name, law, row, axis, load) for load in range(6)] for axis in giving]
             if giving:
                 lines.append(
-                    [max(one, key=lambda along: float(np.ptp(along.twist(along.loads(0.0))))) for one in every]
+                    [max(slices, key=lambda along: float(np.ptp(along.twist(along.loads(0.0))))) for slices in every]
                 )
     if not lines:
         raise InputError("no law of this arm was learned: put learn = true at a flexure, then calibrate")
     return lines
 
 
-def _draw(axes: Axes, one: Slice, points: Curve | None) -> None:
-    unit, scale = "mm" if one.axis < 3 else "mrad", 1e3
-    loads, kind, per = one.loads(), "N" if one.component < 3 else "Nm", 1.0
-    if np.abs(one.law.seen.loads[:, one.component]).max() >= 5e3:  # in thousands where loads are large
+def _draw(axes: Axes, section: Slice, points: Curve | None) -> None:
+    unit, scale = "mm" if section.axis < 3 else "mrad", 1e3
+    loads, kind, per = section.loads(), "N" if section.component < 3 else "Nm", 1.0
+    if np.abs(section.law.seen.loads[:, section.component]).max() >= 5e3:  # in thousands where loads are large
         kind, per = f"k{kind}", 1e-3
-    x, y, band = per * loads[:, one.component], scale * one.twist(loads), one.band(loads)
+    x, y, band = per * loads[:, section.component], scale * section.twist(loads), section.band(loads)
     if points is not None:
         given, twists = (np.asarray(values, float) for values in points)
-        at = np.interp(given[:, one.component], loads[:, one.component], y, np.nan, np.nan)
-        error = scale * (twists[:, one.axis] - one.twist(given))
-        axes.plot(per * given[:, one.component], at + error, ".", color="0.25", ms=2.5, zorder=3, label="known points")
+        at = np.interp(given[:, section.component], loads[:, section.component], y, np.nan, np.nan)
+        error = scale * (twists[:, section.axis] - section.twist(given))
+        axes.plot(
+            per * given[:, section.component], at + error, ".", color="0.25", ms=2.5, zorder=3, label="known points"
+        )
     if band is not None:
         axes.fill_between(x, y - scale * band, y + scale * band, color="C0", alpha=0.25, lw=0, label="95 % band")
-    axes.plot(x, scale * one.declared(loads), "--", color="C3", lw=1.2, label="declared")
+    axes.plot(x, scale * section.declared(loads), "--", color="C3", lw=1.2, label="declared")
     axes.plot(x, y, color="C0", lw=1.8, label="learned")
-    low, high = per * one.law.seen.loads[:, one.component]
+    low, high = per * section.law.seen.loads[:, section.component]
     axes.axvspan(x[0], low, color="0.92", zorder=0, lw=0, label="no observed load")
     axes.axvspan(high, x[-1], color="0.92", zorder=0, lw=0)
-    axes.set(xlim=(x[0], x[-1]), xlabel=f"{WRENCH_NAMES[one.component]} [{kind}]")
-    axes.set_ylabel(f"{TWIST_NAMES[one.axis]} [{unit}]")
-    axes.set_title(one.name, loc="left", fontsize=10)
+    axes.set(xlim=(x[0], x[-1]), xlabel=f"{WRENCH_NAMES[section.component]} [{kind}]")
+    axes.set_ylabel(f"{TWIST_NAMES[section.axis]} [{unit}]")
+    axes.set_title(section.name, loc="left", fontsize=10)
     axes.grid(alpha=0.3)
 
 
@@ -255,7 +257,7 @@ def _posterior(axes: Axes, law: Law, draws: Sequence[Law], load: Array, column: 
     title = f"slope {TWIST_NAMES[column]} per {WRENCH_NAMES[component]} [{unit}]"
     slope = float(law.tangent(load, NOWHERE)[column, component])
     axes.axvline(slope, color="C0", lw=1.6)
-    values = np.array([one.tangent(load, NOWHERE)[column, component] for one in draws])
+    values = np.array([drawn.tangent(load, NOWHERE)[column, component] for drawn in draws])
     if len(values) and np.ptp(values) > 0.0:
         axes.hist(values, bins=24, color="C1", alpha=0.6)
     else:

@@ -32,7 +32,7 @@ FILLED = 0.45
 @checked_kinds
 def map_page(
     arm: Arm,
-    found: WorkspaceMap,
+    workspace: WorkspaceMap,
     path: str | Path,
     tolerance: float | None = None,
     covariates: Mapping[str, float] | None = None,
@@ -42,7 +42,7 @@ def map_page(
 
     Args:
         arm: The arm of the map.
-        found: The map.
+        workspace: The map.
         path: The file to write.
         tolerance: Colours the cubes by their verdict [m]; by their largest displacement when not given.
         covariates, wrenches: What the map was made with.
@@ -53,32 +53,33 @@ def map_page(
     """
     from armflex.show.view.meshcat_page import render_page  # meshcat takes a quarter of a second
 
-    if not found.answered.any():
+    if not workspace.answered.any():
         raise InputError("every configuration was refused: there is no displacement to show")
-    here = found.worst_voxel
-    payload, known = found.payloads[found.worst_payload[here]], settled_covariates(arm, covariates or {})
-    shown = arm.deflection(found.worst_q[here], payload, covariates=known, wrenches=wrenches)
+    here = workspace.worst_voxel
+    payload, settled = workspace.payloads[workspace.worst_payload[here]], settled_covariates(arm, covariates or {})
+    shown = arm.deflection(workspace.worst_q[here], payload, covariates=settled, wrenches=wrenches)
     mount = pin.SE3(arm.robot.mount, np.zeros(3))
-    centres = found.centres @ mount.rotation.T
+    centres = workspace.centres @ mount.rotation.T
     scene = arm_scene(arm, Motion(np.zeros(1), (shown,), 0), magnification=1.0)
-    corners = (found.centres[:, None] + found.voxel * CORNERS).reshape(-1, 3) @ mount.rotation.T
+    corners = (workspace.centres[:, None] + workspace.voxel * CORNERS).reshape(-1, 3) @ mount.rotation.T
     camera = frame_camera(corners)
     towards = (camera.position - camera.target)[:2]
     behind = (centres[:, :2] - camera.target[:2]) @ towards <= 0.0
-    groups = _groups(found, tolerance)
+    groups = _groups(workspace, tolerance)
     nodes = [
-        Node(f"voxels/{text}", mount.homogeneous[None], (_cubes(found, some & behind, color),))
-        for color, text, some in groups
-        if (some & behind).any()
+        Node(f"voxels/{text}", mount.homogeneous[None], (_cubes(workspace, mask & behind, color),))
+        for color, text, mask in groups
+        if (mask & behind).any()
     ]
     scene = replace(
         scene,
-        subtitle=f"{found.rows:,} configurations, payload {', '.join(found.payloads)}, voxels of {found.voxel:g} m",
+        subtitle=f"{workspace.rows:,} configurations, payload {', '.join(workspace.payloads)}, "
+        f"voxels of {workspace.voxel:g} m",
         nodes=(*scene.nodes, *nodes),
         legend_title="Largest displacement of the tip, voxels",
-        legend=tuple(LegendRow(color, text, str(some.sum())) for color, text, some in groups),
+        legend=tuple(LegendRow(color, text, str(mask.sum())) for color, text, mask in groups),
         notes=(
-            f"Base {found.base}, tip {found.tip}. The arm stands where its tip moves most.",
+            f"Base {workspace.base}, tip {workspace.tip}. The arm stands where its tip moves most.",
             "Half of the voxels are not drawn, so that the arm is visible; the legend counts all.",
         ),
         camera=camera,
@@ -87,23 +88,23 @@ def map_page(
     return write_whole(Path(path), render_page(scene).encode())
 
 
-def _groups(found: WorkspaceMap, tolerance: float | None) -> list[tuple[str, str, np.ndarray]]:
+def _groups(workspace: WorkspaceMap, tolerance: float | None) -> list[tuple[str, str, np.ndarray]]:
     """Return colour, text and voxels of each verdict; of five equal steps of displacement where none is asked for."""
     if tolerance is not None:
-        verdicts = found.verdicts(tolerance)
+        verdicts = workspace.verdicts(tolerance)
         return [(color, f"{name} at {tolerance * 1e3:g} mm", verdicts == name) for name, color in VERDICTS.items()]
-    edges = np.linspace(0.0, np.nanmax(found.worst), len(SCALE) + 1)
-    answered = found.answered > 0
-    step = np.where(answered, np.searchsorted(edges[1:-1], found.worst), -1)
+    edges = np.linspace(0.0, np.nanmax(workspace.worst), len(SCALE) + 1)
+    answered = workspace.answered > 0
+    step = np.where(answered, np.searchsorted(edges[1:-1], workspace.worst), -1)
     texts = [f"{number(low * 1e3, 3)} to {number(high * 1e3, 3)} mm" for low, high in pairwise(edges)]
     groups = [(color, text, step == i) for i, (color, text) in enumerate(zip(SCALE, texts, strict=True))]
     return groups if answered.all() else [*groups, (VERDICTS["fail"], "refused", ~answered)]
 
 
-def _cubes(found: WorkspaceMap, some: np.ndarray, color: str) -> Shape:
+def _cubes(workspace: WorkspaceMap, mask: np.ndarray, color: str) -> Shape:
     """Return a cube in each of some voxels, as one mesh in the text of a Wavefront OBJ."""
-    corners = (found.centres[some][:, None] + FILLED * found.voxel * CORNERS).reshape(-1, 3)
-    sides = (8 * np.arange(some.sum())[:, None, None] + np.array(SIDES)).reshape(-1, 4)
+    corners = (workspace.centres[mask][:, None] + FILLED * workspace.voxel * CORNERS).reshape(-1, 3)
+    sides = (8 * np.arange(mask.sum())[:, None, None] + np.array(SIDES)).reshape(-1, 4)
     lines = [f"v {x:.4f} {y:.4f} {z:.4f}" for x, y, z in corners.tolist()]
     lines += [f"f {a} {b} {c} {d}" for a, b, c, d in sides.tolist()]
     return Shape("mesh", np.ones(3), color=color, data="\n".join(lines).encode(), data_format="obj")

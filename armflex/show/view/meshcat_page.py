@@ -46,7 +46,9 @@ def render_page(scene: Scene) -> str:
         "eye": camera.position.tolist(),
         "target": camera.target.tolist(),
         "viewDeg": list(camera.view_deg),
-        "labels": [[*one.position.tolist(), one.label, one.radius] for one in scene.markers if one.label],
+        "labels": [
+            [*marker.position.tolist(), marker.label, marker.radius] for marker in scene.markers if marker.label
+        ],
         "groups": list(dict.fromkeys(node.name.split("/")[0] for node in scene.nodes)),
         "posable": scene.posable,
         "carried": [
@@ -168,8 +170,14 @@ def commands(scene: Scene, camera: Camera) -> Iterator[Json]:
     for line in scene.polylines:
         yield _object(_path("Paths", line.name), _triangles(*tube_mesh(line.points, line.radius)), _paint(line.color))
     ball, sides = capsule_mesh(1.0, 0.0, _BALL_SIDES)
-    for color in dict.fromkeys(one.color for one in scene.markers if one.radius):  # hundreds of balls are one mesh
-        balls = [one.position + one.radius * ball for one in scene.markers if one.color == color and one.radius]
+    for color in dict.fromkeys(
+        marker.color for marker in scene.markers if marker.radius
+    ):  # hundreds of balls are one mesh
+        balls = [
+            marker.position + marker.radius * ball
+            for marker in scene.markers
+            if marker.color == color and marker.radius
+        ]
         faces = [i * len(ball) + sides for i in range(len(balls))]
         yield _object(_path("Markers", color), _triangles(np.concatenate(balls), np.concatenate(faces)), _paint(color))
     if scene.times is not None:
@@ -190,9 +198,9 @@ def _clip(frames: list[float], poses: np.ndarray) -> Json:
         {
             "name": f".{name}",
             "type": kind,
-            "keys": [{"time": time, "value": value} for time, value in zip(frames, found, strict=True)],
+            "keys": [{"time": time, "value": value} for time, value in zip(frames, track, strict=True)],
         }
-        for (name, kind), found in values.items()
+        for (name, kind), track in values.items()
     ]
     return {"fps": _FRAMES_A_SECOND, "name": "default", "tracks": tracks}
 

@@ -70,7 +70,7 @@ def joined(tallies: Sequence[Tally]) -> Tally:
 
     The result depends on the order of the tallies in its last digits only, and not at all on where they were made.
     """
-    parts = {one.name: np.concatenate([getattr(each, one.name) for each in tallies]) for one in fields(Tally)}
+    parts = {field.name: np.concatenate([getattr(each, field.name) for each in tallies]) for field in fields(Tally)}
     if not len(parts["cell"]):
         return Tally(**parts)
     order = np.lexsort((-parts["worst"], parts["cell"]))  # stable
@@ -151,23 +151,23 @@ def answers(question: Question, q: Array) -> Answer:
     flags: dict[str, Flag] = {}
     worst = np.full(len(q), -np.inf)
     for other, payload in product(others, question.payloads):
-        for some, _, displacement, reason, _ in _outcomes(other, payload, question.options, q):
-            worst[some] = np.maximum(worst[some], np.inf if reason else displacement)
+        for rows, _, displacement, reason, _ in _outcomes(other, payload, question.options, q):
+            worst[rows] = np.maximum(worst[rows], np.inf if reason else displacement)
     reasons = list(NO_ANSWER)
     for number, payload in enumerate(question.payloads):
-        for some, tip, displacement, reason, met in _outcomes(arm, payload, question.options, q):
-            counted = np.zeros((len(some), 1 + len(reasons)), dtype=np.int64)
+        for rows, tip, displacement, reason, met in _outcomes(arm, payload, question.options, q):
+            counted = np.zeros((len(rows), 1 + len(reasons)), dtype=np.int64)
             counted[:, reasons.index(reason) if reason else -1] = 1
             tally = Tally(
                 cell=cell_numbers(tip, question.voxel),
-                configurations=np.full(len(some), number == 0, dtype=np.int64),
+                configurations=np.full(len(rows), number == 0, dtype=np.int64),
                 answered=counted[:, -1],
                 refused=counted[:, :-1],
-                total=np.zeros(len(some)) if reason else displacement,
+                total=np.zeros(len(rows)) if reason else displacement,
                 worst=displacement,
-                payload=np.full(len(some), number, dtype=np.int64),
-                q=q[some],
-                worst_of_draws=worst[some],
+                payload=np.full(len(rows), number, dtype=np.int64),
+                q=q[rows],
+                worst_of_draws=worst[rows],
             )
             parts.append(tally)
             for flag in met:
@@ -184,15 +184,15 @@ def _outcomes(arm: Arm, payload: str, options: Mapping[str, Any], q: Array) -> I
     """Yield what becomes of rows of q."""
 
     def asked(rows: np.ndarray) -> DeflectionBatch:
-        some: ManyRows = q[rows]
-        return arm.deflection(some, payload, **options)
+        asked_for: ManyRows = q[rows]
+        return arm.deflection(asked_for, payload, **options)
 
-    for rows, found in in_halves(asked, _swept(q) if arm.robot.linkage else np.arange(len(q))):
-        if not isinstance(found, ArmflexError):
-            flags = tuple(Flag(flag.code, flag.text.partition(": ")[2]) for flag in found.flags)  # without "row 7: "
-            yield rows, found.rigid_pose[:, :3, 3], np.linalg.norm(found.displacement[:, :3], axis=1), "", flags
-        elif not isinstance(found, ClosureError):  # there the loops let no drive come
-            yield rows, arm.rigid_pose(q[rows[0]]).translation[None], np.array([-np.inf]), no_answer(found), ()
+    for rows, answer in in_halves(asked, _swept(q) if arm.robot.linkage else np.arange(len(q))):
+        if not isinstance(answer, ArmflexError):
+            flags = tuple(Flag(flag.code, flag.text.partition(": ")[2]) for flag in answer.flags)  # without "row 7: "
+            yield rows, answer.rigid_pose[:, :3, 3], np.linalg.norm(answer.displacement[:, :3], axis=1), "", flags
+        elif not isinstance(answer, ClosureError):  # there the loops let no drive come
+            yield rows, arm.rigid_pose(q[rows[0]]).translation[None], np.array([-np.inf]), no_answer(answer), ()
 
 
 def _swept(q: Array) -> np.ndarray:
@@ -220,18 +220,18 @@ def sigmas(question: Question, q: Array, payload: np.ndarray) -> tuple[Array, tu
         payload: (n,) numbers of the payloads.
     """
     arm, sigma, flags = _kept(question)[0], np.full(len(q), np.nan), dict[str, Flag]()
-    known, pulled = question.options["covariates"], question.options["wrenches"]
+    columns, pulled = question.options["covariates"], question.options["wrenches"]
 
     def asked(rows: np.ndarray) -> tuple[Array | float, tuple[Flag, ...]]:
-        some, name = q[rows], question.payloads[payload[rows[0]]]
-        batch = arm.deflection(some, name, **question.options)
-        covariance, met = tip_covariance(arm, batch.q, (name,) * len(rows), known, batch.covariance, pulled)
+        positions, name = q[rows], question.payloads[payload[rows[0]]]
+        batch = arm.deflection(positions, name, **question.options)
+        covariance, met = tip_covariance(arm, batch.q, (name,) * len(rows), columns, batch.covariance, pulled)
         return np.nan if covariance is None else length_sigma(batch.displacement[:, :3], covariance[:, :3, :3]), met
 
-    for own in (np.flatnonzero(payload == number) for number in range(len(question.payloads))):
-        for rows, found in in_halves(asked, own) if len(own) else ():
-            if not isinstance(found, ArmflexError):
-                sigma[rows], met = found
+    for carrying in (np.flatnonzero(payload == number) for number in range(len(question.payloads))):
+        for rows, answer in in_halves(asked, carrying) if len(carrying) else ():
+            if not isinstance(answer, ArmflexError):
+                sigma[rows], met = answer
                 flags |= {flag.code: flag for flag in met}
     return np.where(np.isinf(sigma), np.nan, sigma), tuple(flags.values())
 
@@ -244,9 +244,9 @@ def frequencies(question: Question, q: Array, payload: np.ndarray) -> Array:
         q: (n, nq) configurations.
         payload: (n,) numbers of the payloads.
     """
-    arm, found = _kept(question)[0], np.full(len(q), np.nan)
+    arm, lowest = _kept(question)[0], np.full(len(q), np.nan)
     loads = {name: question.options[name] for name in ("covariates", "wrenches")}
     for i, (row, number) in enumerate(zip(q, payload.tolist(), strict=True)):
         with contextlib.suppress(*NO_ANSWER.values()):
-            found[i] = arm.modes(row, question.payloads[number], count=1, **loads).frequencies[0]
-    return found
+            lowest[i] = arm.modes(row, question.payloads[number], count=1, **loads).frequencies[0]
+    return lowest

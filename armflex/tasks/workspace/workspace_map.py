@@ -247,24 +247,24 @@ def map_workspace(
     if method not in METHODS:
         raise UnknownNameError("method", method, METHODS)
     edge = _edge(voxel, furthest(arm, lower, upper), rows)
-    known = settled_covariates(arm, covariates or {})
+    settled = settled_covariates(arm, covariates or {})
     arm.loaded(None).flags_under(wrenches, moves=False)  # raises where a link is not the arm's
-    options = {"covariates": known, "method": method, "strict": strict, "wrenches": tuple(wrenches)}
+    options = {"covariates": settled, "method": method, "strict": strict, "wrenches": tuple(wrenches)}
     arms = (without_declared_uncertainty(arm), *(draw_arms(arm, draws, seed) if draws else ()))
     question = Question(arms, names, edge, options, rows * len(names))
     drawn = Configurations(lower, upper, rows, seed, CHUNK)
 
     with closing(in_order((partial(answers, question, q) for q in drawn.chunks()), jobs)) as chunks:
         tally, met = _gathered(drawn, chunks, progress)
-    sigma, own = _uncertainties(question, drawn, tally, jobs, progress) if uncertainty else (None, ())
-    some = tally.answered > 0
+    sigma, flags_of_sigma = _uncertainties(question, drawn, tally, jobs, progress) if uncertainty else (None, ())
+    answered = tally.answered > 0
     swing = None
     if frequency:
-        pieces, swing = in_pieces(np.flatnonzero(some), WORST_AT_ONCE), np.full(len(tally), np.nan)
+        pieces, swing = in_pieces(np.flatnonzero(answered), WORST_AT_ONCE), np.full(len(tally), np.nan)
         tasks_of = (partial(frequencies, question, tally.q[part], tally.payload[part]) for part in pieces)
         for part, values in zip(pieces, in_order(tasks_of, jobs), strict=True):
             swing[part] = values
-    blank = np.where(some, 0.0, np.nan)
+    blank = np.where(answered, 0.0, np.nan)
     return WorkspaceMap(
         voxel=edge,
         index=cell_indices(tally.cell),
@@ -273,7 +273,7 @@ def map_workspace(
         refused=tally.refused,
         reasons=tuple(NO_ANSWER),
         mean=tally.total / np.maximum(tally.answered, 1) + blank,
-        worst=np.where(some, tally.worst, np.nan),
+        worst=np.where(answered, tally.worst, np.nan),
         sigma=sigma,
         worst_of_draws=tally.worst_of_draws if draws else None,
         frequency=swing,
@@ -286,7 +286,7 @@ def map_workspace(
         rows=rows,
         seed=seed,
         draws=draws,
-        flags=(*flags, *about_time(arm, {TIME, *known}), *met, *own),
+        flags=(*flags, *about_time(arm, {TIME, *settled}), *met, *flags_of_sigma),
     )
 
 
@@ -348,16 +348,16 @@ def _uncertainties(
 
     Only these are asked for: an uncertainty takes as long as tens of displacements.
     """
-    some = np.flatnonzero(tally.answered)
-    pieces = in_pieces(some, WORST_AT_ONCE)
+    answered = np.flatnonzero(tally.answered)
+    pieces = in_pieces(answered, WORST_AT_ONCE)
     tasks = (partial(sigmas, question, tally.q[rows], tally.payload[rows]) for rows in pieces)
     sigma, flags, done = np.full(len(tally), np.nan), {}, 0
-    for rows, (found, own) in zip(pieces, in_order(tasks, jobs), strict=True):
-        sigma[rows] = found
-        flags |= {flag.code: flag for flag in own}
+    for rows, (of_rows, raised) in zip(pieces, in_order(tasks, jobs), strict=True):
+        sigma[rows] = of_rows
+        flags |= {flag.code: flag for flag in raised}
         done += len(rows)
         if progress:
-            progress(drawn.rows + done, drawn.rows + len(some))
+            progress(drawn.rows + done, drawn.rows + len(answered))
     return sigma if np.isfinite(sigma).any() or "undetermined" in flags else None, tuple(flags.values())
 
 
@@ -398,11 +398,11 @@ LAYOUT = Layout(
 
 
 @checked_kinds
-def write_map(found: WorkspaceMap, path: str | Path, tolerance: float | None = None) -> Path:
+def write_map(workspace: WorkspaceMap, path: str | Path, tolerance: float | None = None) -> Path:
     """Write a map, whole or not at all; return the path.
 
     Args:
-        found: The map.
+        workspace: The map.
         path: Ends in .safetensors or .csv. `read_map` reads the first; a .csv is for other programs: SI, cells without
             a value are blank, also where a drawn arm has no answer.
         tolerance: Adds the columns `margin` and `verdict` to a .csv [m].
@@ -415,17 +415,17 @@ def write_map(found: WorkspaceMap, path: str | Path, tolerance: float | None = N
     if path.suffix not in SUFFIXES:
         raise InputError(f"{path}: expected a name that ends in {' or '.join(SUFFIXES)}")
     if path.suffix == ".csv":
-        columns = {name: np.asarray(values).tolist() for name, values in found.table.items()}
+        columns = {name: np.asarray(values).tolist() for name, values in workspace.table.items()}
         if tolerance is not None:
-            asked = {"margin": found.margin(tolerance).tolist(), "verdict": found.verdicts(tolerance).tolist()}
+            asked = {"margin": workspace.margin(tolerance).tolist(), "verdict": workspace.verdicts(tolerance).tolist()}
             place = list(columns).index("payload")
             columns = {**dict([*columns.items()][:place]), **asked, **dict([*columns.items()][place:])}
         for name in {"mean", "worst", *OPTIONAL, "margin"} & columns.keys():
             columns[name] = [x if np.isfinite(x) else "" for x in columns[name]]
         return write_table(path, columns)
-    arrays = {name: getattr(found, name) for name in ARRAYS if getattr(found, name) is not None}
-    about = {field.name: getattr(found, field.name) for field in fields(found) if field.name not in ARRAYS}
-    write_arrays(path, LAYOUT, arrays, about | {"flags": [asdict(flag) for flag in found.flags]})
+    arrays = {name: getattr(workspace, name) for name in ARRAYS if getattr(workspace, name) is not None}
+    about = {field.name: getattr(workspace, field.name) for field in fields(workspace) if field.name not in ARRAYS}
+    write_arrays(path, LAYOUT, arrays, about | {"flags": [asdict(flag) for flag in workspace.flags]})
     return path
 
 
@@ -437,33 +437,35 @@ def read_map(path: str | Path) -> WorkspaceMap:
         FileError: The file cannot be read, is damaged, was made by another version, or is no map.
     """
     about, arrays, _ = read_arrays(path := Path(path), LAYOUT)
-    found = WorkspaceMap(**{**dict.fromkeys(OPTIONAL), **arrays}, **about)
+    workspace = WorkspaceMap(**{**dict.fromkeys(OPTIONAL), **arrays}, **about)
     try:
-        _check(found)
+        _check(workspace)
     except ValueError as error:
         raise FileError(Place(path), f"does not hold {LAYOUT.what}: {error}; {LAYOUT.anew}") from None
-    return found
+    return workspace
 
 
-def _check(found: WorkspaceMap) -> None:
+def _check(workspace: WorkspaceMap) -> None:
     """Raise `ValueError` where what a map says does not go together."""
-    some, asked = found.answered > 0, found.rows * len(found.payloads)
-    if not (found.voxel > 0.0 and found.seed >= 0 and found.draws >= 0):
-        raise ValueError(f"voxel {found.voxel:g}, seed {found.seed}, draws {found.draws}: expected no negative numbers")
+    answered, asked = workspace.answered > 0, workspace.rows * len(workspace.payloads)
+    if not (workspace.voxel > 0.0 and workspace.seed >= 0 and workspace.draws >= 0):
+        raise ValueError(
+            f"voxel {workspace.voxel:g}, seed {workspace.seed}, draws {workspace.draws}: expected no negative numbers"
+        )
     for name in LISTS:
-        if len(set(getattr(found, name))) < len(getattr(found, name)):
+        if len(set(getattr(workspace, name))) < len(getattr(workspace, name)):
             raise ValueError(f"one of the {name} is there twice")
-    steps = np.diff(found.index, axis=0)
+    steps = np.diff(workspace.index, axis=0)
     first = np.take_along_axis(steps, (steps != 0).argmax(axis=1)[:, None], axis=1)
-    if not ((first > 0).all() and (found.worst_payload < len(found.payloads)).all()):
+    if not ((first > 0).all() and (workspace.worst_payload < len(workspace.payloads)).all()):
         raise ValueError("its voxels are not in order, or a payload is not among those asked for")
-    if found.configurations.sum() != found.rows or found.answered.sum() + found.refused.sum() != asked:
+    if workspace.configurations.sum() != workspace.rows or workspace.answered.sum() + workspace.refused.sum() != asked:
         raise ValueError(f"{asked} questions are not as many as were answered and refused")
-    if (np.isfinite(found.worst) != some).any() or (np.isfinite(found.mean) != some).any():
+    if (np.isfinite(workspace.worst) != answered).any() or (np.isfinite(workspace.mean) != answered).any():
         raise ValueError("a displacement is there without an answer, or an answer without one")
-    if (found.mean[some] > found.worst[some] * (1.0 + 1e-9)).any():
+    if (workspace.mean[answered] > workspace.worst[answered] * (1.0 + 1e-9)).any():
         raise ValueError("a mean is above the largest")
-    if found.sigma is not None and np.isfinite(found.sigma[~some]).any():
+    if workspace.sigma is not None and np.isfinite(workspace.sigma[~answered]).any():
         raise ValueError("an uncertainty is there without an answer")
-    if (found.worst_of_draws is None) != (found.draws == 0):
-        raise ValueError(f"{found.draws} draws, expected 'worst_of_draws' where there are any, and only there")
+    if (workspace.worst_of_draws is None) != (workspace.draws == 0):
+        raise ValueError(f"{workspace.draws} draws, expected 'worst_of_draws' where there are any, and only there")

@@ -25,6 +25,7 @@ from armflex.files.effect_file import effect_table
 from armflex.laws.effects import CATALOGUE, Effect
 from armflex.laws.effects.catalogue import SHAPES
 from armflex.laws.effects.in_arm import settled_covariates
+from armflex.trace.averaging import alone
 from armflex.trace.findings import Found, Trace
 from armflex.trace.state import State, begin, refit, with_random
 from armflex.trace.validate import Proof
@@ -358,7 +359,7 @@ def told(calibration: Calibration, state: State) -> Trace:
     setup, certainty = state.fit.setup, certainty_of(state.fit)
     effects = tuple(one.effect for one in found)
     arm = dataclasses.replace(setup.arm, effects=effects, instrument=setup.instrument, certainty=certainty)
-    return Trace(arm, state, found, None, (), 0.0, 0.0, None)
+    return Trace(arm, alone(state), found, None, (), 0.0, 0.0, None)
 
 
 def named(name: str, site: str, **more: object) -> Effect:
@@ -474,7 +475,7 @@ def test_a_traced_arm_is_not_called_worse_than_declared_for_its_calibration(trac
     for declared, codes in ((1.0, []), (-1.0, ["worse_than_declared"])):  # a held-out error above and below the trace's
         doubted = dataclasses.replace(found.calibration, flags=(flag,), held_out=(declared, 2.0))
         state = dataclasses.replace(found.state, calibration=doubted)
-        flags = dataclasses.replace(found, state=state).flags
+        flags = dataclasses.replace(found, predicted=dataclasses.replace(found.predicted, state=state)).flags
         assert [one.code for one in flags if one.code == "worse_than_declared"] == codes and flag not in flags
 
 

@@ -24,6 +24,7 @@ from armflex.show.report.effect_figures import wave
 from armflex.show.report.svg import canvas, drawing, inline
 from armflex.show.report.words import called, change, labelled, measure, millimetres, short
 from armflex.trace import trace
+from armflex.trace.averaging import alone
 from armflex.trace.findings import Trace, Unexplained
 from armflex.trace.state import begin
 
@@ -67,7 +68,7 @@ def page(found: Trace) -> str:
 def without_effects(found: Trace, unexplained: Unexplained | None = None) -> Trace:
     """The same trace as if nothing had been found."""
     state = begin(found.calibration)
-    return replace(found, found=(), state=state, unexplained=unexplained)
+    return replace(found, found=(), predicted=alone(state), unexplained=unexplained)
 
 
 class Outline(HTMLParser):

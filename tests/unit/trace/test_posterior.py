@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -102,6 +104,22 @@ def test_a_scan_without_one_hypothesis_by_that_of_the_whole_is_that_of_its_own(s
         assert part.log_posterior == alone.log_posterior
 
 
+def test_what_is_drawn_predicts_on_average_what_all_models_do() -> None:
+    """Every set of three hypotheses at every scale, weighed by its posterior probability."""
+    columns, readings = drawn(4, 3)
+    evidence = problem(columns, readings)
+    each = [[None, *(Chosen(number, scale) for scale in range(len(SCALES)))] for number in range(3)]
+    models = [tuple(one for one in some if one is not None) for some in product(*each)]
+    weights = np.exp([evidence.log_posterior(model) - evidence.log_posterior(()) for model in models])
+    predicted = [columns[:, [one.number for one in model]] @ evidence.beside(model).values for model in models]
+    whole = weights @ np.array(predicted) / weights.sum()
+
+    found = bagged(evidence, climbed(evidence), np.ones((3000, ROWS))).drawn
+    average = np.mean([columns[:, [c.number for c in one.model]] @ np.ravel(one.amplitudes) for one in found], axis=0)
+    scatter = np.linalg.norm(np.array(predicted) - whole, axis=1)
+    assert np.linalg.norm(average - whole) < 0.1 * np.sqrt(weights @ scatter**2 / weights.sum())
+
+
 GOLDEN_LOG_SCORE = -0.361
 """Mean logarithm of the probability that was given to what is true, in the problems below; a change may raise it."""
 
@@ -118,7 +136,7 @@ def test_stated_probabilities_are_right_as_often_as_they_say() -> None:
         readings = columns @ np.where(present, amplitudes, 0.0) + rng.normal(size=ROWS)
         evidence = problem(columns, 0.97 * readings, np.full(8, np.log(0.15 / 0.85)))
         model = climbed(evidence)
-        for one, credible in zip(model, bagged(evidence, model, ONCE)[0], strict=False):
+        for one, credible in zip(model, bagged(evidence, model, ONCE).credible, strict=False):
             stated.append(credible.probability)
             right.append(bool(present[one.number]))
     stated_, right_ = np.array(stated), np.array(right)
@@ -140,7 +158,7 @@ def test_a_law_about_one_axis_and_about_all_at_a_place_is_one_name() -> None:
     readings = 3.0 * columns[:, 0] + rng.normal(size=ROWS)
     groups = [Group(one, i, np.ones(1)) for i, one in enumerate((about_x, about_both))]
     evidence = Dense(groups, twins, of_readings(readings), prior_of(groups))
-    found, _ = bagged(evidence, climbed(evidence), ONCE)
+    found = bagged(evidence, climbed(evidence), ONCE).credible
     assert found[0].probability > 0.99 and not found[0].others
 
 

@@ -60,7 +60,7 @@ def names_of_nothing(shared: float, bag: bool) -> int:
         evidence, _ = campaign(seed, shared)
         model = climbed(evidence)
         times = drawn_of(evidence, model).times if bag else np.ones((RESAMPLES, POSE_COUNT))
-        count += sum(one.probability > 0.9 for one in bagged(evidence, model, times)[0][:-1])
+        count += sum(one.probability > 0.9 for one in bagged(evidence, model, times).credible[:-1])
     return count
 
 
@@ -78,7 +78,7 @@ def test_what_is_there_keeps_its_name_beside_a_shared_error() -> None:
         readings = evidence.projection.data + 3.0 * columns[:, 4]
         evidence = Dense(evidence.groups, columns, of_readings(readings), prior_of(evidence.groups))
         model = climbed(evidence)
-        found, _ = bagged(evidence, model, drawn_of(evidence, model).times)
+        found = bagged(evidence, model, drawn_of(evidence, model).times).credible
         kept.append(next((seen.probability for one, seen in zip(model, found, strict=False) if one.number == 4), 0.0))
     assert min(kept) > 0.95
 

@@ -1,0 +1,255 @@
+"""What is predicted: the average over the models that resamples of a campaign give.
+
+Readings are linear in amplitudes and, about a fit, in all that is fitted anyway, so that the mean of what some models
+predict is what one arm predicts that has all their effects, each with the mean of its amplitude over the models, zero
+in those that lack it (Hoeting, Madigan, Raftery and Volinsky 1999, "Bayesian model averaging: a tutorial", Statistical
+Science 14). The covariance of values has two parts, what each model leaves uncertain and how values x differ between
+models,
+
+    Cov(x) = E[Cov(x | model)] + Cov(E[x | model]).
+
+Where effects were measured the models agree: what one lacks another has. Elsewhere they need not, the mean is the
+smaller, nearer to what the calibrated arm predicts, for it, and sigma has in it how far they are apart.
+
+That is right where one of the models is. Poses that are held out, with everything chosen anew without them, say whether
+the average predicts them better than the calibrated arm: where it does not, the calibrated arm is one more of those
+over which is averaged, with the weight by which both together predict them best (Yao, Vehtari, Simpson and Gelman 2018,
+"Using stacking to average Bayesian predictive distributions", Bayesian Analysis 13).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import ndtri
+
+from armflex.arm import Setup
+from armflex.conventions import Array
+from armflex.estimate.block import Block, EffectBlock, parameters_of, places_of
+from armflex.estimate.fit import moved, realise
+from armflex.estimate.held_out import errors_of, held_out, pose_folds
+from armflex.laws.effects.effect import Effect
+from armflex.parameters import DOUBT, Certainty, numbers_of
+from armflex.trace.probabilities import Drawn, bagged
+from armflex.trace.resampling import Resampled
+from armflex.trace.screen import Dense
+from armflex.trace.selection import Model
+from armflex.trace.state import State
+from armflex.trace.validate import Folds
+
+
+@dataclass(frozen=True, eq=False)
+class Averaged:
+    """An arm as it is predicted with.
+
+    Attributes:
+        state: What was found, and families.
+        rivals: Effects that some models have in the place of what was found, or beside it.
+        values: (P,) of what is fitted, in its order, and then of the rivals.
+        spread: (P, P) covariance of the values between models.
+        errors: (M, n) of what is read foremost on poses held out, everything chosen and fitted without them [m]; None
+            where none were.
+        share: Weight of what was found and of families, 1 less that of the calibrated arm.
+    """
+
+    state: State
+    rivals: tuple[EffectBlock, ...]
+    values: Array
+    spread: Array
+    errors: Array | None = None
+    share: float = 1.0
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """All that has values."""
+        return (*self.state.fit.blocks, *self.rivals)
+
+    @property
+    def setup(self) -> Setup:
+        """Arm and instrument at the values, without effects that were found."""
+        count = len(self.state.fit.values)
+        return realise(self.state.declared, self.state.fit.blocks, self.values[:count])
+
+    @property
+    def added(self) -> tuple[EffectBlock, ...]:
+        """Everything that the arm has beside what was declared."""
+        return (*self.state.effects, *self.state.background.effects, *self.rivals)
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The same with its values."""
+        return tuple(block.at(self.values[places_of(block, self.blocks)]) for block in self.added)
+
+    def stated(self, certainty: Certainty) -> list[tuple[Effect, dict[str, float]]]:
+        """Return what is added with the standard uncertainty of its values by name, where that is known."""
+        found = []
+        for block, effect in zip(self.added, self.effects, strict=True):
+            known = certainty.among(block.parameters)
+            std = np.full(len(block.parameters), np.inf) if known is None else np.sqrt(np.diag(known))
+            own = block.std(self.values[places_of(block, self.blocks)], std)
+            found.append((effect, {name: size for name, size in own.items() if np.isfinite(size)}))
+        return found
+
+    def certainty(self, known: Certainty) -> Certainty:
+        """Return what is known of the values, from what a fit with what was found alone leaves behind."""
+        every = (*known.parameters, *parameters_of(self.rivals))
+        place = {one: i for i, one in enumerate(parameters_of(self.blocks))}
+        some = [i for i, one in enumerate(every) if one in place]
+        own = [place[every[i]] for i in some]
+        covariance = np.zeros((len(every),) * 2)
+        covariance[: len(known.parameters), : len(known.parameters)] = known.covariance
+        covariance[np.ix_(some, some)] += self.spread[np.ix_(own, own)]
+        directions = known.directions
+        if directions is not None:
+            directions = np.pad(directions, ((0, 0), (0, len(every) - len(known.parameters))))
+        return replace(known, parameters=every, covariance=covariance, directions=directions)
+
+
+def alone(state: State) -> Averaged:
+    """Return a state as the only model."""
+    count = len(state.fit.values)
+    return Averaged(state, (), state.fit.values, np.zeros((count, count)))
+
+
+def averaged(state: State, evidence: Dense, own: Model, drawn: Sequence[Drawn]) -> Averaged:
+    """Return the average over models that were drawn in place of a state's own.
+
+    Rivals that are in fewer of them than `DOUBT` are predicted by what is fitted anyway, as far as that can.
+    """
+    fit, mine = state.fit, [one.number for one in own]
+    shares = Counter(number for one in drawn for number in {each.number for each in one.model} - {*mine})
+    kept = [number for number, count in shares.items() if count >= DOUBT * len(drawn)]
+    rare = [number for number in shares if number not in kept]
+    rivals = _blocks(state, evidence, kept)
+    sizes = [len(evidence.groups[number].scale) for number in (*mine, *kept, *rare)]
+    ends = np.cumsum([0, *sizes])
+    slots = {number: slice(a, b) for number, a, b in zip((*mine, *kept, *rare), ends[:-1], ends[1:], strict=True)}
+    amplitudes, within = np.zeros((len(drawn), ends[-1])), np.zeros((ends[-1],) * 2)
+    for i, one in enumerate(drawn):
+        for each, values, spread in zip(one.model, one.amplitudes, one.spreads, strict=True):
+            amplitudes[i, slots[each.number]] = values
+            if each.number not in mine:  # the fit knows those
+                within[slots[each.number], slots[each.number]] += spread / len(drawn)
+    # What is fitted anyway as it takes over what is predicted by it.
+    columns = np.hstack([np.zeros((len(fit.residual), 0)), *(_columns(evidence, n) for n in (*mine, *kept, *rare))])
+    projection = evidence.projection
+    taken = projection.whole(projection.absorbed(columns))
+    some = np.arange(ends[-1]) >= (ends[len(mine) + len(kept)])
+    rest = projection.whole(np.array([one.rest for one in drawn]).T).T + amplitudes[:, some] @ taken[:, some].T
+    samples = np.hstack([rest, amplitudes[:, ~some]])
+    follows = np.vstack([np.where(some, taken, -taken), np.eye(ends[-1])[~some]])
+    between = samples - samples.mean(axis=0)
+    spread = between.T @ between / len(drawn) + follows @ within @ follows.T
+
+    beside = evidence.beside(own)
+    begun = projection.whole(projection.absorbed(projection.data - evidence.columns[:, beside.places] @ beside.values))
+    begun = np.concatenate([begun, *beside.amplitudes, np.zeros(sum(sizes[len(mine) : len(mine) + len(kept)]))])
+    places = np.concatenate([_rest_of(state), _acting_of(state), len(fit.values) + np.arange(len(begun))])
+    places = places[: len(begun)]
+    count = len(fit.values) + sum(len(one.parameters) for one in rivals)
+    whole, step = np.zeros((count, count)), np.zeros(count)
+    whole[np.ix_(places, places)] = spread
+    step[places] = samples.mean(axis=0) - begun
+    blocks = (*fit.blocks, *rivals)
+    values = moved(blocks, np.concatenate([fit.values, np.zeros(count - len(fit.values))]), step)
+    return Averaged(state, rivals, values, whole)
+
+
+def beside_calibrated(average: Averaged, folds: Folds, resamples: Resampled) -> Averaged:
+    """Return an average with the calibrated arm in it as far as held-out poses are predicted better so.
+
+    Args:
+        average: Over models.
+        folds: The problem in folds of poses.
+        resamples: Of the campaign, over which it is an average.
+    """
+    state = average.state
+    errors = errors_of(state.fit, state.quiet * _predicted(folds, resamples.times))
+    plain = held_out(state.calibrated, pose_folds(state.groups), judged=state.judged).errors
+    share = _share(state, plain, errors)
+    if share == 1.0:
+        return replace(average, errors=errors)
+    # Inner values are those of the laws of what was found, whatever its amplitudes are.
+    values, rest = average.values, _rest_of(state)
+    calibrated = np.zeros(len(values))
+    calibrated[: len(state.first.values)] = state.calibrated.values
+    inner = np.setdiff1d(np.arange(len(state.fit.values)), np.concatenate([rest, _acting_of(state)]))
+    calibrated[inner] = values[inner]
+    apart = values - calibrated
+    spread = share * average.spread + share * (1.0 - share) * np.outer(apart, apart)
+    return replace(
+        average,
+        values=calibrated + share * apart,
+        spread=spread,
+        errors=plain + share * (errors - plain),
+        share=share,
+    )
+
+
+def _predicted(folds: Folds, times: Array) -> Array:
+    """Return the (n,) whitened errors of readings predicted from the other folds by the average over models there.
+
+    Those of as many resamples in each fold as there are folds: fewer leave it a little worse than it is.
+    """
+    whole, count = folds.evidence.projection, len(folds.parts)
+    left, each = np.empty(len(whole.data)), np.array_split(times[: count**2], count)
+    for part, learned, model, some in zip(folds.parts, folds.learned, folds.anew, each, strict=True):
+        drawn = bagged(part, model, some[:, learned]).drawn
+        data = whole.data[~learned]
+        for one in drawn:
+            seen = whole.regressors[~learned] @ one.rest
+            for chosen, values in zip(one.model, one.amplitudes, strict=True):
+                seen += _columns(folds.evidence, chosen.number)[~learned] @ values
+            data = data - seen / len(drawn)
+        left[~learned] = data
+    return left
+
+
+def _share(state: State, plain: Array, errors: Array) -> float:
+    """Return the weight of one prediction of poses held out beside a plain one, from their (M, n) errors.
+
+    1 where no weight predicts them better than by chance.
+    """
+    where = state.fit.view.foremost
+    weight = np.where(state.judged[:, where], 1.0 / state.fit.view.sigma[:, where], 0.0)
+    apart, plain, errors = weight * (errors - plain), weight * plain, weight * errors
+    share = float(np.clip(-(plain * apart).sum() / max(float((apart**2).sum()), 1e-300), 0.0, 1.0))
+    fall = (errors**2 - (plain + share * apart) ** 2).sum(axis=1)
+    fall = np.bincount(state.groups, fall)
+    return share if fall.sum() > ndtri(1.0 - DOUBT) * np.sqrt(len(fall)) * fall.std() else 1.0
+
+
+def _columns(evidence: Dense, number: int) -> Array:
+    """Return the (n, k) columns of a hypothesis per unit of its amplitudes."""
+    group = evidence.groups[number]
+    return evidence.columns[:, group.places] / np.where(group.scale > 0.0, group.scale, np.inf)
+
+
+def _rest_of(state: State) -> np.ndarray:
+    """Return the places of what is fitted beside what was found among the values of the fit."""
+    own = [state.fit.places(block) for block in state.effects]
+    return np.setdiff1d(np.arange(len(state.fit.values)), np.concatenate([np.zeros(0, dtype=int), *own]))
+
+
+def _acting_of(state: State) -> np.ndarray:
+    """Return the places of the amplitudes of what was found."""
+    acting = [state.fit.places(block)[: len(block.effect.location.terms)] for block in state.effects]
+    return np.concatenate([np.zeros(0, dtype=int), *acting])
+
+
+def _blocks(state: State, evidence: Dense, numbers: Sequence[int]) -> tuple[EffectBlock, ...]:
+    """Return rivals as blocks of values, after all other effects."""
+    before = (*state.declared.arm.effects, *state.fitted, *state.common)
+    effects = []
+    for one in (evidence.groups[number].hypothesis.one for number in numbers):
+        derived = tuple(name for name in one.location.covariates if name in state.measurements.derived)
+        effect = replace(one.effect(np.zeros(len(one.location.terms))), derived=derived)
+        effects.append(effect.seen_in(state.context, state.rows))
+    ends = zip(effects, numbers_of((*before, *effects))[len(before) :], strict=True)
+    return tuple(
+        EffectBlock(effect, (), state.context, len(before) + i, np.full(len(effect.location.terms), np.inf), number)
+        for i, (effect, number) in enumerate(ends)
+    )

@@ -1,0 +1,105 @@
+"""What a traced arm predicts: the average over models, and the calibrated arm where that predicts held-out poses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support import six_axes
+
+from armflex import calibrate
+from armflex.conventions import Array
+from armflex.estimate.held_out import held_out, pose_folds
+from armflex.estimate.posterior import certainty_of
+from armflex.laws.effects.backlash import BACKLASH
+from armflex.trace.averaging import Averaged, averaged, beside_calibrated
+from armflex.trace.hypotheses import Hypothesis, hypotheses
+from armflex.trace.probabilities import Drawn, bagged
+from armflex.trace.resampling import POSES, Resampled
+from armflex.trace.screen import Dense
+from armflex.trace.search import linear, refitted
+from armflex.trace.selection import SCALES, Chosen, Model
+from armflex.trace.state import State, begin
+from armflex.trace.validate import Folds
+
+SOME = 24
+"""Hypotheses that compete."""
+
+
+@pytest.fixture(scope="module")
+def fitted() -> State:
+    """Return an arm that lacks nothing, fitted with play of two drives nevertheless."""
+    arm, rows = six_axes.campaign(20)
+    before = begin(calibrate(arm, rows, as_stated=True))
+    here = linear(before, [one for one in hypotheses(before.context) if one.one.law is BACKLASH][:2])
+    state = refitted(here, (Chosen(0, 2), Chosen(1, 2)))
+    assert state is not None
+    return state
+
+
+def problem(state: State, prior: float) -> tuple[Dense, Model]:
+    """Return what is in the arm and some of what else may be, of any size, all of one log prior; the arm's model."""
+    every = hypotheses(state.context)
+    some: list[Hypothesis] = every[:: len(every) // SOME]
+    here = linear(state, some)
+    numbers = (*(one.number for one in here.model), *range(SOME))
+    priors = np.full((len(numbers), len(SCALES)), -1e3)
+    priors[:, -1] = prior
+    evidence = here.screen.dense(numbers, priors)
+    return evidence, evidence.here(here.model)
+
+
+def regressors(average: Averaged) -> Array:
+    """Return the (n, P) whitened columns of all values, rivals included."""
+    fit, context = average.state.fit, average.state.context
+    columns = [fit.view.effect_jacobian(block.effect, context) * fit.scale[:, :, None] for block in average.rivals]
+    return np.hstack([fit.regressors, *(one.reshape(len(fit.residual), -1) for one in columns)])
+
+
+def test_one_arm_predicts_what_models_do_on_average(fitted: State) -> None:
+    evidence, own = problem(fitted, 0.0)
+    other = next(number for number in range(2, SOME + 2) if len(evidence.groups[number].scale) == 1)
+    models = [own, (own[0],), (own[0], Chosen(other, 2))]
+    drawn, each = [], []
+    for model in models:
+        beside = evidence.beside(model)
+        seen = evidence.columns[:, beside.places] @ beside.values
+        rest = evidence.projection.absorbed(evidence.projection.data - seen)
+        spreads = tuple(np.zeros((len(one), len(one))) for one in beside.amplitudes)
+        drawn.append(Drawn(model, beside.amplitudes, spreads, rest))
+        each.append(fitted.quiet * (seen + evidence.projection.regressors @ rest))
+    alone, average = (averaged(fitted, evidence, own, some) for some in (drawn[:1], drawn))
+    assert not alone.rivals and len(average.rivals) == 1
+    assert len(average.setup.arm.effects) == 2 and len(average.effects) == 3
+    columns = regressors(average)
+    change = columns @ average.values - regressors(alone) @ alone.values
+    np.testing.assert_allclose(change, np.mean(each, axis=0) - each[0], atol=1e-6 * np.abs(each[0]).max())
+    # Readings spread as the models do, whichever parameters they do it by.
+    np.testing.assert_allclose(
+        np.sqrt(((columns @ average.spread) * columns).sum(axis=1)), np.std(each, axis=0), rtol=1e-3, atol=1e-6
+    )
+    known = certainty_of(fitted.fit)
+    stated = average.certainty(known)
+    assert stated.labels == (*known.labels, *(one.label for block in average.rivals for one in block.parameters))
+    assert np.all(np.diag(stated.covariance)[: len(known.parameters)] >= np.diag(known.covariance))
+
+
+@pytest.mark.parametrize(("prior", "kept"), [(30.0, False), (-30.0, True)])
+def test_what_held_out_poses_contradict_is_predicted_less(fitted: State, prior: float, kept: bool) -> None:
+    """Of columns of chance: all that are believed in beforehand imitate noise; none else leaves the calibrated arm."""
+    evidence, own = problem(fitted, prior)
+    columns = evidence.columns.copy()
+    columns[:, 2:] = np.random.default_rng(0).normal(size=columns[:, 2:].shape)
+    evidence = Dense(evidence.groups, columns, evidence.projection, evidence.priors)
+    folds = Folds(evidence, pose_folds(fitted.groups))
+    resamples = Resampled(POSES, 1.0, np.ones((50, len(evidence.projection.data))))
+    average = averaged(fitted, evidence, own, bagged(evidence, own, resamples.times).drawn)
+    found = beside_calibrated(average, folds, resamples)
+    plain = held_out(fitted.calibrated, pose_folds(fitted.groups), judged=fitted.judged).errors
+    assert found.errors is not None
+    assert np.linalg.norm(found.errors) < 1.01 * np.linalg.norm(plain)
+    assert (found.share == 1.0) == kept
+    if not kept:
+        calibrated = np.zeros(len(average.values))
+        calibrated[: len(fitted.first.values)] = fitted.calibrated.values
+        np.testing.assert_allclose(found.values, calibrated + found.share * (average.values - calibrated), atol=1e-12)
+        assert found.share < 0.5
