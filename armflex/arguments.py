@@ -62,9 +62,9 @@ def checked_kinds(function: Callable[P, T]) -> Callable[P, T]:
     """
     parameters = inspect.signature(function).parameters.values()
     asked = {
-        one.name: ast.parse(str(one.annotation), mode="eval").body
-        for one in parameters
-        if one.annotation is not inspect.Parameter.empty and one.kind is not inspect.Parameter.VAR_KEYWORD
+        parameter.name: ast.parse(str(parameter.annotation), mode="eval").body
+        for parameter in parameters
+        if parameter.annotation is not inspect.Parameter.empty and parameter.kind is not inspect.Parameter.VAR_KEYWORD
     }
     order = [parameter.name for parameter in parameters if parameter.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD]
     each = next(

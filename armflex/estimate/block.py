@@ -355,13 +355,13 @@ class FactorBlock(LawsBlock):
 
     def _with(self, setup: Setup, laws: Sequence[ScaledLaw]) -> Setup:
         arm, steps = setup.arm, {name: law.logarithms for name, law in zip(self.flexures, laws, strict=True)}
-        own = {
+        laws_after = {
             flexure.name: scaled(flexure.law, np.exp(0.5 * steps[flexure.name]))
             for flexure in arm.flexures
             if flexure.name in steps
         }
         factors = {name: arm.factors.get(name, np.zeros(6)) + step for name, step in steps.items()}
-        return replace(setup, arm=replace(with_laws(arm, own), factors={**arm.factors, **factors}))
+        return replace(setup, arm=replace(with_laws(arm, laws_after), factors={**arm.factors, **factors}))
 
 
 def learned_laws(arm: Arm) -> dict[str, LearnedLaw]:

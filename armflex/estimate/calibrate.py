@@ -389,9 +389,9 @@ def fitted_to(
     return Calibration(calibrated.left(), fitted, placed.view, measurements, flags, errors, scattered)
 
 
-def _against_load(found: Fit) -> Iterator[Flag]:
+def _against_load(fitted: Fit) -> Iterator[Flag]:
     """Yield a flag for each compliance that the readings would have below zero."""
-    for which, size, std in below_zero(found):
+    for which, size, std in below_zero(fitted):
         text = f"{which.label}: the readings want {size:.2g} ± {std:.1g} times what was declared, the opposite sign, "
         text += "which a compliance cannot have: something moves against its load, such as a counterweight, a spring "
         text += "or a wrong centre of mass; `trace` has effects of either sign"
@@ -556,6 +556,8 @@ def _apart(declared: Setup) -> Iterator[Flag]:
     }
     for name, frame in apart.items():
         there = f"{np.linalg.norm(frame[:3]):.3g} m and {np.linalg.norm(frame[3:]):.3g} rad"
-        known = f"[prior] has {prior.session_translation:g} m and {prior.session_rotation:g} rad"
-        text = f"the instrument stood elsewhere in session {name!r}, its frame {there} from that of most rows ({known})"
+        stated = f"[prior] has {prior.session_translation:g} m and {prior.session_rotation:g} rad"
+        text = (
+            f"the instrument stood elsewhere in session {name!r}, its frame {there} from that of most rows ({stated})"
+        )
         yield Flag("session_apart", f"{text}: that frame is fitted as if nothing were known of it")

@@ -391,11 +391,11 @@ def _named(case: Case, fitted: Misfit | None, searched: bool) -> list[Named]:
         """Return what a hypothesis is charged, how all rows fit then, or some at a glance, and in which it holds."""
         with suppress(ArmflexError):
             other, (words, charge) = case.meant(hypothesis, of_rows), _charge(case, hypothesis, of_rows)
-            known = fitted.view if fitted is not None and other.rests_as(case) else None
+            before = fitted.view if fitted is not None and other.rests_as(case) else None
             near = fitted.placed if fitted is not None and hypothesis.of == "loads" else None
             if looked_at is None:
-                return charge, misfit(other, known, near), words
-            return charge, misfit(other.only(looked_at), known and known.some(looked_at), near, rounds=1), words
+                return charge, misfit(other, before, near), words
+            return charge, misfit(other.only(looked_at), before and before.some(looked_at), near, rounds=1), words
         return np.inf, None, ""
 
     if len(tried) > 2 * FEW:

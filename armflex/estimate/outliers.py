@@ -190,7 +190,7 @@ def outliers_of(view: View, far: np.ndarray, measurements: Measurements, kind: s
     """
     pairs, places, named = exchanged(view, far), measurements.places, view.readings.names
     for number, group in enumerate(view.readings.groups):
-        each = next(one for one, place in view.readings.placed if place.start == group.start)
+        each = next(kind_read for kind_read, place in view.readings.placed if place.start == group.start)
         error: Array = np.linalg.norm(view.residual[:, group.start : group.start + each.dimension], axis=1)
         rows = np.flatnonzero(far[:, number])
         for i in rows[np.argsort(-error[rows])].tolist():

@@ -461,18 +461,18 @@ def unclear_shifts(setup: Setup, rows: Rows, readings: Readings) -> Array:
     unclear = {name: unknown for name, effect, unknown in directions(effects, rows) if name in effect.derived}
     shifts = np.zeros((len(unclear), len(rows), readings.size))
     for shift, (name, unknown) in zip(shifts, unclear.items(), strict=True):
-        some, sides = np.flatnonzero(unknown), []
+        open_rows, sides = np.flatnonzero(unknown), []
         joint = rows.joint_names.index(name.removeprefix(APPROACH))
-        for side in (-1.0, 1.0) if len(some) else ():
+        for side in (-1.0, 1.0) if len(open_rows) else ():
             approach = rows.approach.copy()
-            approach[some, joint] = side
-            sides.append(look(setup, replace(rows, approach=approach), some, readings=readings))
+            approach[open_rows, joint] = side
+            sides.append(look(setup, replace(rows, approach=approach), open_rows, readings=readings))
         if sides:  # of a link's motion, which is small: rotation vectors of what is read may differ by more than it
             for (place, link, before), (_, _, after) in zip(sides[0].seen, sides[1].seen, strict=True):
                 here, there = (side.line.of(link).tip for side in sides)
                 turns = [pin.log3(new @ old.T) for new, old in zip(there[:, :3, :3], here[:, :3, :3], strict=True)]
                 motion = np.concatenate([there[:, :3, 3] - here[:, :3, 3], np.array(turns)], axis=1)
-                shift[some, place] += 0.25 * ((before + after) @ motion[:, :, None])[:, :, 0]
+                shift[open_rows, place] += 0.25 * ((before + after) @ motion[:, :, None])[:, :, 0]
     return shifts
 
 

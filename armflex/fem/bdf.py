@@ -115,10 +115,12 @@ def read_bdf(path: Path, unit: str = "m") -> Mesh:
                 draft.fail("GRDSET with a coordinate system or a superelement of every GRID is not read", line)
         elif word in KINDS or word in FLAT:
             number, part = draft.whole(line, [cells[0], cells[1] or cells[0]], 2)
-            own = draft.whole(line, cells[2 : 2 + FLAT.get(word, 20)])  # of faces thickness and angle come after
-            if (kind := KINDS[word].get(len(own)) if word in KINDS else word) is None:
-                draft.fail(f"{word} {number} has {len(own)} nodes, expected {' or '.join(map(str, KINDS[word]))}", line)
-            draft.element(number, number, kind, [own[i] for i in UPWARD] if kind == "C3D20" else own, line)
+            corners = draft.whole(line, cells[2 : 2 + FLAT.get(word, 20)])  # of faces thickness and angle come after
+            if (kind := KINDS[word].get(len(corners)) if word in KINDS else word) is None:
+                draft.fail(
+                    f"{word} {number} has {len(corners)} nodes, expected {' or '.join(map(str, KINDS[word]))}", line
+                )
+            draft.element(number, number, kind, [corners[i] for i in UPWARD] if kind == "C3D20" else corners, line)
             draft.groups.setdefault(f"{'PID' if word in FLAT else 'PSOLID'}{part}", []).append(number)
         elif word in ("PSOLID", "PSHELL", "PCOMP"):
             if word == "PSOLID" and cells[6].upper() not in ("", "SMECH"):

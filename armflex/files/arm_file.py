@@ -198,9 +198,9 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
         flags = (*flags, *more)
     locked = root.table["robot"].get("locked", {})
     for kind, declared in robot.urdf.declared.items():  # of an MJCF; what stands in the arm.toml comes first
-        own = root.table.get(kind, [] if kind == "loop" else {})
+        stated_already = root.table.get(kind, [] if kind == "loop" else {})
         if declared:
-            root.table[kind] = [*own, *declared] if kind == "loop" else {**declared, **own}
+            root.table[kind] = [*stated_already, *declared] if kind == "loop" else {**declared, **stated_already}
     robot, tied = read_linkage(root, robot, tuple(locked))
     payloads = {name: _read_payload(name, table) for name, table in root.subs("payload").items()}
     tables, presets = root.subs("flexure"), root.subs("preset")
@@ -433,15 +433,15 @@ def _read_prior(table: Declaration) -> Prior:
     for name, value in values.items():
         if 0.0 < value < SMALLEST_STD:
             raise table.fail(name, f"{value:g} is less than anything can be known to; 0 keeps it fixed")
-    found: dict[str, tuple[float, float]] = {}
+    labelled: dict[str, tuple[float, float]] = {}
     for label in each.table:
         mean, std = each.numbers(label, (2,)).tolist()
         if std < 0.0 or 0.0 < std < SMALLEST_STD or (std == 0.0 and mean != 0.0):
             raise each.fail(
                 label, f"expected [mean, standard deviation], or [0, 0] for what is fixed, got [{mean:g}, {std:g}]"
             )
-        found[label] = mean, std
-    return Prior(**values, each=found)
+        labelled[label] = mean, std
+    return Prior(**values, each=labelled)
 
 
 def _check_each(table: Declaration, arm: Arm) -> None:

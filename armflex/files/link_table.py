@@ -98,5 +98,5 @@ def _ended(robot: Robot, joint: Joint, rest: Inertial | None, end: Inertial | No
             joints[name] = fixed
         joints[key] = moved if key == joint.name else part
     links = urdf.links | {link.name: link, name: Link(name, end, (), link.place)}
-    chain = tuple(step for one in robot.chain for step in ((fixed, moved) if one.name == joint.name else (one,)))
+    chain = tuple(step for hinge in robot.chain for step in ((fixed, moved) if hinge.name == joint.name else (hinge,)))
     return replace(robot, urdf=replace(urdf, links=links, joints=joints), chain=chain)

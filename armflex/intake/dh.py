@@ -120,26 +120,26 @@ def read_dh(source: Source, form: str | None, ask: Ask | None, unused: Collectio
         TableError: A cell is no number, or a column says of a joint what a row cannot.
         ManyErrors: A unit, a column or the form are open.
     """
-    found, path = _columns(source), source.path
-    cells = {name: source.columns[at] for name, (at, _) in found.items() if source.header[at] not in unused}
+    column_of, path = _columns(source), source.path
+    cells = {name: source.columns[at] for name, (at, _) in column_of.items() if source.header[at] not in unused}
     parts, taken, wrong = dict[str, Array](), list[tuple[str, str, str, str]](), list[str]()
     moved, written = dict[str, np.ndarray](), dict[str, bool]()
     for name in (name for name in cells if name not in WORDS):
         read = [_number(str(cell)) for cell in cells[name]]
-        for i, one in enumerate(read):
-            if one is None or (one[2] and name not in ("theta", "d")):
-                place, header = Place(path, source.lines[i]), source.header[found[name][0]]
+        for i, cell_read in enumerate(read):
+            if cell_read is None or (cell_read[2] and name not in ("theta", "d")):
+                place, header = Place(path, source.lines[i]), source.header[column_of[name][0]]
                 raise TableError(place, f"{header!r} is {str(cells[name][i])!r}, expected a number")
         parts[name] = np.array([cell[0] for cell in read if cell])
         written[name] = any(cell[1] for cell in read if cell)
         moved[name] = np.array([cell[2] for cell in read if cell])
     for name, values in parts.items():
-        at, unit = found[name]
+        at, unit = column_of[name]
         length, why = name in "da", "its header"
         units, alike = (LENGTHS if length else UNITS["angle"]), [part for part in parts if (part in "da") == length]
         largest = max(float(np.abs(parts[part]).max()) for part in alike)
         if any(written[part] for part in alike):
-            if (unit or "rad") != "rad" or (largest > RIGHT and any(not found[part][1] for part in alike)):
+            if (unit or "rad") != "rad" or (largest > RIGHT and any(not column_of[part][1] for part in alike)):
                 wrong.append(f"{path}: {source.header[at]!r} is among angles with pi, and others are in degrees")
                 continue
             unit, why = "rad", why if unit else "written with pi"
@@ -163,7 +163,7 @@ def read_dh(source: Source, form: str | None, ask: Ask | None, unused: Collectio
     none, never = np.zeros(count), np.zeros(count, dtype=bool)
     slides = moved.get("d", never).copy()
     for name in (name for name in cells if name in WORDS):
-        header = source.header[found[name][0]]
+        header = source.header[column_of[name][0]]
         for i, cell in enumerate(map(str, cells[name])):
             if name == "kind":
                 slides[i] |= bool(SLIDES.fullmatch(cell))
@@ -172,14 +172,14 @@ def read_dh(source: Source, form: str | None, ask: Ask | None, unused: Collectio
                 wrong.append(f"{Place(path, source.lines[i])}: {header!r} is {cell!r}: {text}")
         taken.append((header, "kind of joint" if name == "kind" else "sense of joint", "", "its header"))
     theta, home, offset = (parts.get(name, none) for name in ("theta", "home", "offset"))
-    header = {name: source.header[at] for name, (at, _) in found.items()}
+    header = {name: source.header[at] for name, (at, _) in column_of.items()}
     if theta.any() and home.any():
         text = f"{header['theta']!r} and {header['home']!r} both have angles: leave one out, or add them"
         wrong.append(f"{path}: {text}")
     for i in np.flatnonzero(slides & ((offset != 0.0) | (home != 0.0)))[:1]:
         name = header["offset" if offset[i] else "home"]
         wrong.append(f"{Place(path, source.lines[i])}: the joint slides, and {name!r} is an angle: add it to d")
-    columns = {at for at, _ in found.values()}
+    columns = {at for at, _ in column_of.values()}
     for i, name in enumerate(source.header):
         if i in columns and name not in unused:
             continue

@@ -90,10 +90,10 @@ def camera(source: Source, board: str, on_arm: bool, name: str, beside: Path) ->
         return "\n".join([*lines, f'corners = "{corners}"', *LENS]), [], []
     try:
         printed: Board = read_board(Declaration(tomllib.loads(board)["board"], ("--board",), Text(source.path, "")))
-        found = [find_corners(source.path / str(picture), printed) for picture in source.columns[0]]
+        detected = [find_corners(source.path / str(picture), printed) for picture in source.columns[0]]
     except ArmflexError as error:
         return "", [], [str(error)]
-    read = [0 if corners_of is None else int(np.isfinite(corners_of[::2]).sum()) for corners_of in found]
+    read = [0 if corners_of is None else int(np.isfinite(corners_of[::2]).sum()) for corners_of in detected]
     seen = np.count_nonzero(read)
     usual = np.median([count for count in read if count] or [0])
     note = f"{seen} of {len(read)} pictures show the board, {usual:g} corners"

@@ -127,9 +127,9 @@ def read_table_source(path: Path) -> Source:
         said = [_parted([text], mark)[0] for text in comments]
         heads = [cells for cells in reversed(said) if len(cells) == width and not any(map(_number, cells))]
     head, used = heads[0] if heads else None, heads[:1]
-    known = {*LENGTHS, *UNITS["angle"], *UNITS["time"], "°", ""}
+    unit_words = {*LENGTHS, *UNITS["angle"], *UNITS["time"], "°", ""}
     if (
-        len(heads) > 1 and head and all(UNIT.fullmatch(cell) or cell.lower() in known for cell in head)
+        len(heads) > 1 and head and all(UNIT.fullmatch(cell) or cell.lower() in unit_words for cell in head)
     ):  # below the names
         units, used = (cell.strip("[]() ") for cell in head), heads[:2]
         head = [f"{name} [{unit}]" if unit else name for name, unit in zip(heads[1], units, strict=True)]

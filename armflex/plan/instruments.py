@@ -66,11 +66,11 @@ def offered(arm: Arm, words: Sequence[str]) -> dict[str, tuple[Sensor, ...]]:
     Raises:
         InputError: No such instrument.
     """
-    known = [*arm.sensors, *USUAL, TRACKER]
+    offered_words = [*arm.sensors, *USUAL, TRACKER]
     for word in words:
-        if word not in known:
-            hint = did_you_mean(word, known)
-            raise InputError(f"no instrument {word!r}{hint} (known: {listing(known)})")
+        if word not in offered_words:
+            hint = did_you_mean(word, offered_words)
+            raise InputError(f"no instrument {word!r}{hint} (known: {listing(offered_words)})")
     if len(set(words)) < len(words):
         raise InputError(f"instruments {listing(words)}: one is named twice")
     return {

@@ -110,8 +110,8 @@ def _homography(points: Array, pictures: Array) -> Array:
         middle = each.mean(axis=0)
         size = np.sqrt(2.0) / max(float(np.linalg.norm(each - middle, axis=1).mean()), 1e-12)
         scales.append(np.array([[size, 0.0, -size * middle[0]], [0.0, size, -size * middle[1]], [0.0, 0.0, 1.0]]))
-    there, other = (np.column_stack([each, np.ones(len(each))]) @ own.T
-                  for each, own in zip((points, pictures), scales, strict=True))  # fmt: skip
+    there, other = (np.column_stack([each, np.ones(len(each))]) @ scale.T
+                  for each, scale in zip((points, pictures), scales, strict=True))  # fmt: skip
     zero = np.zeros_like(there)
     rows = np.vstack(
         [np.hstack([there, zero, -other[:, :1] * there]), np.hstack([zero, there, -other[:, 1:2] * there])]

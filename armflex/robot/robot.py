@@ -702,7 +702,7 @@ def _body(
     inertia = np.zeros((3, 3))
     if len(parts) == 1:  # its own CoM is that of all but for rounding
         return mass, parts[0][2]
-    for own, position, about in parts:
+    for weight, position, about in parts:
         arm = pin.skew(position - center)
-        inertia += about - own * arm @ arm
+        inertia += about - weight * arm @ arm
     return mass, inertia

@@ -408,10 +408,10 @@ class Reader:
         return elements[0] if elements else None
 
     def needed(self, element: etree._Element, tag: str) -> etree._Element:
-        found = self.only(element, tag)
-        if found is None:
+        child = self.only(element, tag)
+        if child is None:
             raise self.fail(element, f"<{element.tag}> needs <{tag}>")
-        return found
+        return child
 
     def pose(self, element: etree._Element) -> tuple[Array, Array]:
         """Return (3,) position and (3, 3) rotation of the element's <origin>, identity when absent."""

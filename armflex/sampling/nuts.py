@@ -82,9 +82,9 @@ def no_u_turn(
     )
     options = {"maxdepth": depth, "target_accept": accept, "cores": 1, "progress_bar": False, "save_warmup": False}
     trace = nutpie.sample(model, draws=draws, tune=tune, chains=1, seed=int(rest), **options)
-    found = start + trace.posterior["z"].values[0] @ whiten.T
+    walked = start + trace.posterior["z"].values[0] @ whiten.T
     stats = trace.sample_stats
-    return Walk(found, int(stats["diverging"].sum()), float(stats["mean_tree_accept"].mean()))
+    return Walk(walked, int(stats["diverging"].sum()), float(stats["mean_tree_accept"].mean()))
 
 
 def _nutpie() -> ModuleType:

@@ -61,7 +61,7 @@ def check_shapes(
         if name not in declared:
             hint = did_you_mean(name[:100], declared)
             raise ValueError(f"{shown(name, 60)} is not expected{hint} (expected: {listing(declared)})")
-    known: dict[str, int] = {}
+    size_of: dict[str, int] = {}
     for name, numbers in declared.items():
         if name not in arrays:
             if numbers.optional:
@@ -69,14 +69,14 @@ def check_shapes(
             raise ValueError(f"{name!r} is missing")
         kind, shape = arrays[name]
         if kind != numbers.kind or len(shape) != len(numbers.shape):
-            raise ValueError(f"{name!r} is {kind} {shape}, expected {numbers.kind} {_shown(numbers.shape, known)}")
+            raise ValueError(f"{name!r} is {kind} {shape}, expected {numbers.kind} {_shown(numbers.shape, size_of)}")
         for size, expected in zip(shape, numbers.shape, strict=True):
             allowed = sizes.get(expected, (size,)) if isinstance(expected, str) else (expected,)
-            if size not in allowed or (isinstance(expected, str) and known.setdefault(expected, size) != size):
+            if size not in allowed or (isinstance(expected, str) and size_of.setdefault(expected, size) != size):
                 choice = (
                     "" if len(allowed) != 2 or isinstance(allowed, range) else f", {expected} one of {tuple(allowed)}"
                 )
-                raise ValueError(f"{name!r} has shape {shape}, expected {_shown(numbers.shape, known)}{choice}")
+                raise ValueError(f"{name!r} has shape {shape}, expected {_shown(numbers.shape, size_of)}{choice}")
 
 
 def check_numbers(arrays: Mapping[str, np.ndarray], declared: Mapping[str, Numbers]) -> None:

@@ -333,14 +333,14 @@ def _as_driven(
 ) -> tuple[CompensatedRow, ...]:
     """Return the rows with what remains when they are driven: the sides that joints come from never settled."""
     driven = replace(solver, trajectory=moved.prepared(solver.arm))
-    found = []
+    rows_driven = []
     for i, (row, pose) in enumerate(zip(rows, poses, strict=True)):
         after = _error(driven.ask(i, moved.q[i]).pose, pose)
         left = float(np.abs(after[: solver.size]).max())
         lost = row.reached and left > TOLERANCE
         reason = "history: the change of the joints turns the side that one of them comes from" if lost else row.reason
-        found.append(replace(row, after=after, reached=row.reached and not lost, reason=reason))
-    return tuple(found)
+        rows_driven.append(replace(row, after=after, reached=row.reached and not lost, reason=reason))
+    return tuple(rows_driven)
 
 
 def _targets(arm: Arm, trajectory: Trajectory, targets: Sequence[object] | None) -> list[pin.SE3]:

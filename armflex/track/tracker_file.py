@@ -189,17 +189,17 @@ def read_state(path: Path, arm: Arm) -> tuple[State, dict[str, Any]]:
         UnknownNameError: The arm has no such parameter.
     """
     said, arrays, _ = read_arrays(path, LAYOUT)
-    about, known = said["about"], {}
+    about, parameter_of = said["about"], {}
     if about["arm"] != digest(arm):
         raise ModelFileError(Place(path), "is of another arm: expected the one that the tracker began with")
     if said["changes"]:
-        known = {parameter.label: parameter for parameter in model_of(arm).parameters}
+        parameter_of = {parameter.label: parameter for parameter in model_of(arm).parameters}
     changes = []
     for i, saved in enumerate(said["changes"]):
         for label in saved["labels"]:
-            if label not in known:
-                raise UnknownNameError("parameter", label, known)
-        parameters = tuple(known[label] for label in saved["labels"])
+            if label not in parameter_of:
+                raise UnknownNameError("parameter", label, parameter_of)
+        parameters = tuple(parameter_of[label] for label in saved["labels"])
         size, std = arrays[f"change {i} size"], arrays[f"change {i} std"]
         numbers = {name: value for name, value in saved.items() if name not in ("name", "labels")}
         changes.append(Change(parameters, **numbers, size=size, std=std))

@@ -373,12 +373,12 @@ def settled_covariates(arm: Manipulator, given: Mapping[str, float]) -> dict[str
     if given:
         check_approaches(given, arm.robot.joint_names)
         check_covariates(arm, given)
-    known = begun_anew(arm, given, 0.0)
+    settled = begun_anew(arm, given, 0.0)
     for effect in arm.effects:
         state, columns = effect.state, effect.location.covariates
         if state is None or not columns:
             continue
-        if state not in known and columns[0] not in known:
+        if state not in settled and columns[0] not in settled:
             raise MissingCovariateError(columns[0], given, effect.name)
-        known.setdefault(state, known.get(columns[0], 0.0))
-    return known
+        settled.setdefault(state, settled.get(columns[0], 0.0))
+    return settled

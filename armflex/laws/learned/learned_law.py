@@ -236,5 +236,5 @@ def learned_law(law: Law, learning: Learning, seen: Seen) -> LearnedLaw:
         form = PolynomialCorrection.start(seen, linear=straight)
     learned = LearnedLaw(law, free, form, seen, np.zeros(0), ())
     return replace(
-        learned, values=learned.start, scales=tuple(learned.expected[own[0]].prior for own in learned.groups)
+        learned, values=learned.start, scales=tuple(learned.expected[place[0]].prior for place in learned.groups)
     )

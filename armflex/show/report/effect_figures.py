@@ -280,7 +280,7 @@ def _means(seen: Suspicion, values: Array) -> tuple[Array, Array, Array]:
 def ranking(found_effect: Found, number: int) -> str:
     """Return the log odds of what competes for the effect's place; what these data cannot distinguish is marked."""
     same = {(effect.law.name, effect.location) for effect, _ in found_effect.equivalent}
-    own = (found_effect.effect.law.name, found_effect.effect.location)
+    key_of_effect = (found_effect.effect.law.name, found_effect.effect.location)
     bars: dict[str, tuple[float, str]] = {}  # of every candidate once, the best first
     for hypothesis, odds in found_effect.ranking:
         candidate = hypothesis.one
@@ -288,7 +288,7 @@ def ranking(found_effect: Found, number: int) -> str:
             (candidate.law.name, candidate.location),
             labelled(candidate.effect(np.zeros(len(candidate.location.terms)))),
         )
-        bars.setdefault(label, (0.5 * odds, AFTER if key == own else MARK if key in same else RULE))
+        bars.setdefault(label, (0.5 * odds, AFTER if key == key_of_effect else MARK if key in same else RULE))
     rows = list(bars.items())[:MOST_RIVALS][::-1]
     if not rows:
         return ""

@@ -214,8 +214,8 @@ def draw_training(result: TrainResult, data: JointData, path: str | Path) -> Pat
             if uncertain:
                 half = NORMAL_95 * stated_std(law, loads)[:, column] / factor
                 shown.fill_between(x, y - half, y + half, color="C0", alpha=0.2, lw=0, label="95 % band")
-                for i, one in enumerate(draws[:CURVES]):
-                    drawn = predicted(one, loads)[:, column] / factor
+                for i, drawn_law in enumerate(draws[:CURVES]):
+                    drawn = predicted(drawn_law, loads)[:, column] / factor
                     shown.plot(x, drawn, color="C1", lw=0.5, alpha=0.5, label="posterior" if i == 0 else None)
             shown.plot(x, y, color="C0", lw=1.6, label="law")
             points = np.interp(at, x, y) + left[:, column]
@@ -232,8 +232,8 @@ def draw_training(result: TrainResult, data: JointData, path: str | Path) -> Pat
         first = upper.axes[0]
         upper.legend(*first.get_legend_handles_labels(), loc="outside upper center", ncols=4, frameon=False)
         axes = lower.subplots()
-        own = result.trained.model
-        bars = [(f"{own}\ntraining", result.train_rms), (f"{own}\nheld out", result.held_out_rms)]
+        trained_as = result.trained.model
+        bars = [(f"{trained_as}\ntraining", result.train_rms), (f"{trained_as}\nheld out", result.held_out_rms)]
         bars += [(f"{fill(name, WIDTH)}\nheld out", rms) for name, rms in result.compared if len(result.compared) > 1]
         place, width = np.arange(len(bars)), 0.8 / size
         for column in range(size):
