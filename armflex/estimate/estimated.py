@@ -177,7 +177,10 @@ def estimated(arm: Arm, every: Measurements, rows: np.ndarray) -> Iterator[Misre
 
 def _columns(seen: Seen, every: Measurements) -> Iterator[Misreading]:
     """Yield the likeliest of the families, each refined, and of several at once where one alone leaves much."""
-    before = seen.cost(seen.placed(seen.q).left)
+    left = seen.placed(seen.q).left
+    if _is_near(seen, left):
+        return
+    before = seen.cost(left)
     units = {joint.name: every.units.get(f"q_{joint.name}", "") for joint in seen.arm.robot.moving}
     families = _fitted(seen, [*_scales(seen, units), *_couplings(seen), *_homes(seen)], before)
     yield from (fitted.misreading for fitted in families)
@@ -186,13 +189,17 @@ def _columns(seen: Seen, every: Measurements) -> Iterator[Misreading]:
             return
         first = families[0]
         after = replace(seen, q=seen.q @ first.by + first.shift)
-        left = np.median(np.linalg.norm(seen.placed(after.q).left, axis=1))
-        if left < USUAL_PRIOR.joint_offset * seen.arm.robot.reach:  # no more than an arm lacks
+        if _is_near(seen, seen.placed(after.q).left):
             return
         further = _fitted(after, [*_couplings(after), *_homes(after)], first.cost)
         # What one alone is estimated at makes up for the other.
         pairs = _fitted(seen, [_both(first, other) for other in further], first.cost)
         yield from (fitted.misreading for fitted in pairs[:1])
+
+
+def _is_near(seen: Seen, left: Array) -> bool:
+    """Return whether what is left (M, 3) is no more than an arm lacks [m]."""
+    return float(np.median(np.linalg.norm(left, axis=1))) < USUAL_PRIOR.joint_offset * seen.arm.robot.reach
 
 
 def _both(first: Fitted, other: Fitted) -> Family:

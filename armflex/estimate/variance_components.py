@@ -57,6 +57,11 @@ class MixedModel:
         """(C,) of each component the variance by the noise's that a unit of its own makes of a reading, on average."""
         return self.variances @ np.diag(self.gram) / self.freedom
 
+    @property
+    def usual(self) -> Array:
+        """(C,) variances by the noise's of which each makes a tenth of the noise's at a reading."""
+        return 0.1 / np.where(self.unit > 0.0, self.unit, np.inf)
+
     def at(self, ratios: Array) -> Components:
         """Return the model with (C,) variances of the components by the noise's."""
         return Components(self, np.asarray(ratios, dtype=float))
@@ -65,16 +70,13 @@ class MixedModel:
         """Return the model with the variances that maximise the likelihood; what gains nothing is zero.
 
         Args:
-            start: (C,) variances to begin with; zero ones stay zero. When not given all are a tenth of the noise's at
-                the readings.
+            start: (C,) variances to begin with; zero ones stay zero. When not given they are the `usual` ones.
             steps: At most.
 
         Raises:
             ConvergenceError: The columns are not finite.
         """
-        if start is None:
-            start = 0.1 / np.where(self.unit > 0.0, self.unit, np.inf)
-        here, damping = self.at(start), 1e-3
+        here, damping = self.at(self.usual if start is None else start), 1e-3
         farthest = np.log(100.0)  # a size changes by ten times in one step at most
         for _ in range(steps):
             here = here.without_idle()
@@ -192,9 +194,12 @@ class Components:
         return shares - np.outer(cross, cross) / (0.5 * self.model.freedom)
 
     def without_idle(self) -> Components:
-        """Return the same without components on whose way to zero nothing is lost, one after the other."""
-        here = self
-        falling = np.flatnonzero((self.ratios > 0.0) & (self.slope < 0.0))
+        """Return the same without components on whose way to zero nothing is lost, one after the other.
+
+        One whose size is known to a factor of e is not idle.
+        """
+        here, unsure = self, np.diag(self.average_information) < 1.0
+        falling = np.flatnonzero((self.ratios > 0.0) & (self.slope < 0.0) & unsure)
         for c in falling[np.argsort(self.slope[falling])].tolist():
             if (less := here.without(c)).log_likelihood > here.log_likelihood - THOROUGH.flat:
                 here = less

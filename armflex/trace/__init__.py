@@ -88,7 +88,7 @@ def trace(
     campaign = as_campaign(measurements, arm)
     calibration = calibrate(arm, campaign, rows, reporter.steps, keep=keep, as_stated=True, anyway=anyway)
 
-    begun, ended, families = begin(calibration, reporter), "", None
+    begun, ended = begin(calibration, reporter), ""
     places, latest = linear(begun).places, begun
 
     def passing(here: Standing) -> None:
@@ -100,8 +100,6 @@ def trace(
 
     try:
         reporter.limit(60.0 * minutes)
-        reporter.stage("weighing which kinds of effect are missing")
-        families = begun.sized.families
         try:
             here = led(begun, passing)
             passing(here)
@@ -113,7 +111,7 @@ def trace(
             reporter.limit(60.0 * minutes)
             here = standing(latest)  # it was in the midst of something
         reporter.limit(60.0 * minutes)
-        traced = conclude(here, places, ask, covariates, ended, families)
+        traced = conclude(here, places, ask, covariates, ended, begun)
     except OutOfTimeError:
         ended = ended or f"after {minutes:g} min of CPU time in which what was found was weighed, see `minutes`"
     except KeyboardInterrupt:
@@ -132,4 +130,4 @@ def trace(
         return traced
     reporter.limit(float("inf"))
     reporter.stage("ending with what was accepted so far")
-    return so_far(latest, places, ended, families)
+    return so_far(latest, places, ended, begun)

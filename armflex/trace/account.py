@@ -22,7 +22,6 @@ from armflex.plan.asking import Cause
 from armflex.plan.design_model import Before, Measured, noises_of
 from armflex.plan.next_measurement import Place, lacking, misplaced_centres, next_measurement, warming
 from armflex.trace.averaging import Averaged, alone, averaged, beside_calibrated
-from armflex.trace.families import Families
 from armflex.trace.findings import (
     VARIANCE_RATIO,
     Found,
@@ -34,8 +33,8 @@ from armflex.trace.findings import (
     unexplained,
 )
 from armflex.trace.hypotheses import Hypothesis
-from armflex.trace.probabilities import Credible, bagged, competing
-from armflex.trace.resampling import Resampled, parted_by, resampled
+from armflex.trace.probabilities import CREDIBLE, Credible, bagged, competing
+from armflex.trace.resampling import RESAMPLES, Resampled, parted_by, resampled
 from armflex.trace.screen import ALMOST, UNIT_MOTION
 from armflex.trace.search import Standing, exchanged, is_full, linear, refitted, spots, standing
 from armflex.trace.selection import BETTER, SCALES, climbed, without
@@ -75,7 +74,9 @@ def weighed(here: Standing) -> Weighed:
         evidence = competing(here.screen, here.model)
         model, folds = evidence.here(here.model), Folds(evidence, pose_folds(state.groups))
         resamples = resampled(evidence, model, parted_by(state), folds)
-        posterior = bagged(evidence, model, resamples.times)
+        posterior = bagged(evidence, model, resamples.times[: RESAMPLES // 5])  # enough for what is surely nothing
+        if not any(one.nothing > CREDIBLE for one in posterior.credible[:-1]):
+            posterior = bagged(evidence, model, resamples.times)
         found, visited = posterior.credible, posterior.visited
         doubted = [one for one, seen in zip(here.model, found, strict=False) if seen.is_doubtful]
         if doubted:  # each fit takes seconds where more is missing than can be named: there the likeliest is tried
@@ -95,9 +96,10 @@ def weighed(here: Standing) -> Weighed:
                 assert average.errors is not None
                 seen = validated(here, folds, average.errors)
             return Weighed(here, found, resamples, seen, average)
-        least = min(gone, key=lambda i: found[i].probability)
-        state.reporter.stage(f"withdrawing {here.screen.groups[here.model[least].number].hypothesis.title}")
-        after = refitted(here, without(here.model, least))
+        least = [i for i in gone if found[i].nothing > CREDIBLE] or [min(gone, key=lambda i: found[i].probability)]
+        titles = (here.screen.groups[here.model[i].number].hypothesis.title for i in least)
+        state.reporter.stage(f"withdrawing {', '.join(titles)}")
+        after = refitted(here, without(here.model, *least))
         if after is None:  # an arm that does not come to rest without it is left with nothing of what was found
             after = refitted(here, ())
         if after is None:
@@ -124,12 +126,12 @@ def conclude(
     ask: int = 0,
     settable: Mapping[str, Sequence[float]] | None = None,
     ended: str = "",
-    families: Families | None = None,
+    begun: State | None = None,
 ) -> Trace:
     """Return the account of a search that has come to its end; `ask` and `settable` as in `armflex.trace`.
 
-    `places` are where a random twist would have explained what was left at first; `ended` and `families` are as in
-    `Trace`.
+    `places` are where a random twist would have explained what was left at first; `ended` is as in `Trace`. Where no
+    family stays those of the state are said that it had `begun` with, if any.
     """
     here.state.reporter.stage("fitting to the end")
     known = weighed(settled_exactly(here))
@@ -141,6 +143,8 @@ def conclude(
         view = look(state.fit.setup, state.measurements, together)
         squares = view.readings.row_squares(view.residual)
         left = Unexplained(None, None, None, None, float(np.sqrt(squares.sum() / len(state.asked))))
+    state.reporter.stage("weighing which kinds of effect are missing")
+    families = (state if state.background.names else begun or state).sized.families
     state.reporter.stage("looking what would decide what is in question")
     errors, seen = _errors(known.averaged, known.validated), known.validated
     open_places, texts, asked = [one for one in _places(known, found) if one.pairs], tuple[str, ...](), None
@@ -152,7 +156,7 @@ def conclude(
     return Trace(
         **errors,
         found=found,
-        families=state.sized.families if state.background.names else families,
+        families=families,
         unexplained=left,
         places=places,
         undecided=None if state.effects or left is not None else _undecided(known),
@@ -168,10 +172,10 @@ def conclude(
     )
 
 
-def so_far(state: State, places: tuple[RandomTwist, ...], ended: str, families: Families | None) -> Trace:
+def so_far(state: State, places: tuple[RandomTwist, ...], ended: str, begun: State | None = None) -> Trace:
     """Return the account of a search that was ended at a state: what was accepted, without comparing it."""
     left = unexplained(state, linear(state).scattered)
-    errors = _errors(alone(state))
+    errors, families = _errors(alone(state)), None if begun is None else begun.sized.families
     return Trace(**errors, found=(), unexplained=left, places=places, families=families, unfinished=True, ended=ended)
 
 

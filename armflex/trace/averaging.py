@@ -135,16 +135,17 @@ def averaged(state: State, evidence: Dense, own: Model, drawn: Sequence[Drawn]) 
                 within[slots[each.number], slots[each.number]] += spread / len(drawn)
     # What is fitted anyway as it takes over what is predicted by it.
     columns = np.hstack([np.zeros((len(fit.residual), 0)), *(_columns(evidence, n) for n in (*mine, *kept, *rare))])
-    taken = evidence.projection.fitted.solve(evidence.projection.regressors.T @ columns)
+    projection = evidence.projection
+    taken = projection.whole(projection.absorbed(columns))
     some = np.arange(ends[-1]) >= (ends[len(mine) + len(kept)])
-    rest = np.array([one.rest for one in drawn]) + amplitudes[:, some] @ taken[:, some].T
+    rest = projection.whole(np.array([one.rest for one in drawn]).T).T + amplitudes[:, some] @ taken[:, some].T
     samples = np.hstack([rest, amplitudes[:, ~some]])
     follows = np.vstack([np.where(some, taken, -taken), np.eye(ends[-1])[~some]])
     between = samples - samples.mean(axis=0)
     spread = between.T @ between / len(drawn) + follows @ within @ follows.T
 
     beside = evidence.beside(own)
-    begun = evidence.projection.absorbed(evidence.projection.data - evidence.columns[:, beside.places] @ beside.values)
+    begun = projection.whole(projection.absorbed(projection.data - evidence.columns[:, beside.places] @ beside.values))
     begun = np.concatenate([begun, *beside.amplitudes, np.zeros(sum(sizes[len(mine) : len(mine) + len(kept)]))])
     places = np.concatenate([_rest_of(state), _acting_of(state), len(fit.values) + np.arange(len(begun))])
     places = places[: len(begun)]

@@ -12,14 +12,15 @@ arm, with their sizes as priors, and what a name is worth is worth beside them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+from scipy.linalg import cholesky, solve, solve_triangular
 
-from armflex.conventions import TWIST_NAMES, Array
+from armflex.conventions import RESOLUTION, TWIST_NAMES, Array
 from armflex.estimate.block import Block, EffectBlock
 from armflex.estimate.fit import Fit
 from armflex.estimate.held_out import errors_of, pose_folds
@@ -38,17 +39,14 @@ from armflex.laws.effects.encoder_scale import ENCODER_SCALE
 from armflex.laws.effects.location import BASE, Location, drive_axis
 from armflex.laws.effects.shapes import PAIRS, ROUNDING
 from armflex.laws.effects.unnamed import LINE, LINE_COMPLIANCE, LINE_PLAY
-from armflex.linear_gaussian import LinearGaussian
+from armflex.linear_gaussian import squared
 from armflex.parameters import DOUBT
 from armflex.robot.urdf import Joint
 from armflex.rows.rows import APPROACH, Rows
 from armflex.trace.bank import Bank
 from armflex.trace.hypotheses import EFFECTS, FAMILIAL
-from armflex.trace.projection import Projection
-from armflex.trace.selection import MOST_TRIED, SCALES
-
-LEAST_INFORMED = 1e-3
-"""Tolerance: information of the readings on an amplitude, by that of its prior, below which a fit leaves it out."""
+from armflex.trace.projection import LEAST_INFORMED, Projection
+from armflex.trace.selection import MOST_TRIED, SCALES, WITHIN
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,6 +145,7 @@ class Background:
         of: Family of each of those, effects first.
         amplitudes: Where a fit starts, behind one another.
         price: What it costs to have chosen one among all families [nats].
+        ratios: Variance of each component by the noise's, see `Kinds.components`.
     """
 
     names: tuple[str, ...] = ()
@@ -155,6 +154,7 @@ class Background:
     of: tuple[str, ...] = ()
     amplitudes: Array = field(default_factory=lambda: np.zeros(0))
     price: float = 0.0
+    ratios: Mapping[tuple[str, int], float] = field(default_factory=dict)
 
     @property
     def blocks(self) -> tuple[Block, ...]:
@@ -252,17 +252,18 @@ class Kinds:
         """Return the components of a family."""
         return [i for i, (family, _) in enumerate(self.components) if family == name]
 
-    def beside(self, projection: Projection) -> Sized:
+    def beside(self, projection: Projection, near: Background) -> Sized:
         """Return the families' sizes beside what a projection has fitted, which also takes any constant twist.
 
         Where links and zeros truly are is no family: what calibration was not allowed to move is not to be mistaken
-        for it.
+        for it. They are sought from those of a background that may be `near`.
         """
         projection = self._with_constants(projection)
         gram = self.columns.T @ projection.left_of(self.columns)
         score = self.columns.T @ projection.residual
         model = MixedModel(0.5 * (gram + gram.T), score, projection.objective, projection.freedom, self.variances)
-        return Sized(self, projection, model, model.fitted())
+        start = [near.ratios.get(one, usual) for one, usual in zip(self.components, model.usual, strict=True)]
+        return Sized(self, projection, model, model.fitted(np.array(start)))
 
     def _with_constants(self, projection: Projection) -> Projection:
         view = self.fit.view
@@ -315,9 +316,10 @@ class Sized:
         found, least = list[FamilyFound](), -np.log(DOUBT)
         amplitudes = self.fitted.amplitudes
         for name in self.kinds.names:
-            without = self._without(self.fitted, name, least)
-            if without is None:
+            own = self.kinds.of(name)
+            if not self.fitted.ratios[own].any() or self.fitted.lost_without(*own) < least:
                 continue
+            without = self.without(name, self.fitted)
             evidence = self.fitted.log_likelihood - without.log_likelihood
             if evidence < least:
                 continue
@@ -335,15 +337,16 @@ class Sized:
         none = self.model.at(np.zeros(len(self.kinds.components)))
         return Families(tuple(found), (self.held_out(none), self.held_out(self.fitted)), self.fitted.noise)
 
-    def _without(self, sizes: Components, name: str, least: float) -> Components | None:
-        """Return the sizes of the others without a family, in whose place they may step; None where it is not there.
+    @cached_property
+    def _fewer(self) -> dict[tuple[str, Components], Components]:
+        return {}
 
-        Nor where less than `least` is lost without it even if they may not.
-        """
-        own = self.kinds.of(name)
-        if not sizes.ratios[own].any() or sizes.lost_without(*own) < least:
-            return None
-        return self.model.fitted(sizes.without(*own).ratios, MOST_TRIED)
+    def without(self, name: str, sizes: Components) -> Components:
+        """Return the sizes of the others without a family, in whose place they may step."""
+        if (name, sizes) not in self._fewer:
+            fewer = sizes.without(*self.kinds.of(name))
+            self._fewer[name, sizes] = self.model.fitted(fewer.ratios, MOST_TRIED)
+        return self._fewer[name, sizes]
 
     @cached_property
     def background(self) -> Background:
@@ -356,12 +359,14 @@ class Sized:
         while there := [name for name in kinds.names if sizes.ratios[kinds.of(name)].any()]:
             lost = {name: sizes.lost_without(*kinds.of(name)) for name in there}
             least = min(there, key=lost.__getitem__)
-            if lost[least] > price:  # as long as the others may not take its place
-                without = {name: self.model.fitted(sizes.without(*kinds.of(name)).ratios, MOST_TRIED) for name in there}
-                least = max(there, key=lambda name: without[name].log_likelihood)
-                if sizes.log_likelihood - without[least].log_likelihood > price:
+            fewer = sizes.without(*kinds.of(least))
+            if lost[least] > price:  # as long as the others may not take its place, of which they never take so much
+                likely = [name for name in there if lost[name] < 4.0 * WITHIN]
+                every = [self.without(name, sizes) for name in likely]
+                fewer = max(every, key=lambda one: one.log_likelihood, default=None)
+                if fewer is None or sizes.log_likelihood - fewer.log_likelihood > price:
                     break
-            sizes = self.model.fitted(sizes.without(*kinds.of(least)).ratios)
+            sizes = self.model.fitted(fewer.ratios)
         informed, amplitudes = sizes.spread**2 * np.diag(self.model.gram) > LEAST_INFORMED, sizes.amplitudes
         std = np.where(informed, sizes.spread, 0.0)
         effects, walks = list[tuple[str, EffectBlock, Array]](), list[tuple[str, Walk, Array]]()
@@ -379,6 +384,7 @@ class Sized:
             tuple(family for family, *_ in (*effects, *walks)),
             np.concatenate([np.zeros(0), *(own for *_, own in (*effects, *walks))]),
             price,
+            {one: ratio for one, ratio in zip(kinds.components, sizes.ratios.tolist(), strict=True) if ratio > 0.0},
         )
 
     def rms(self, whitened: Array) -> float:
@@ -388,19 +394,33 @@ class Sized:
         errors[:, fit.view.foremost] = errors_of(fit, whitened)
         return fit.view.rms(errors)
 
+    @cached_property
+    def _columns(self) -> tuple[Array, Array]:
+        """(n, P + k) columns of what is fitted anyway and of families that are there, and their products."""
+        columns = np.hstack([self.projection.regressors, self.kinds.columns[:, self.fitted.columns]])
+        return columns, squared(columns)
+
     def held_out(self, sizes: Components) -> float:
-        """Return the RMS of the error of every row, predicted from the other folds with these sizes."""
-        depth = self.kinds.fit.view.residual.shape[1]
-        some = sizes.columns
-        columns = np.hstack([self.projection.regressors, self.kinds.columns[:, some] * sizes.spread[some]])
-        precision = np.concatenate([self.projection.precision, np.ones(len(some))])  # by the noise's variance
-        data = self.projection.data
-        gram, score = columns.T @ columns, columns.T @ data
-        left = np.empty(len(data))
+        """Return the RMS of the error of every row, predicted from the other folds with these sizes.
+
+        Errors of a fold's readings are what all readings leave of them, by (1 - H)^-1 with their part H of the hat
+        matrix (Cook and Weisberg 1982, "Residuals and Influence in Regression", 2.2).
+        """
+        columns, gram = self._columns
+        fixed, depth = self.projection.precision, self.kinds.fit.view.residual.shape[1]
+        scale = np.append(np.ones(len(fixed)), sizes.spread[self.fitted.columns])
+        some = np.flatnonzero(scale)
+        precision = np.append(fixed, np.ones(len(scale) - len(fixed)))[some]  # by the noise's variance
+        known = gram[np.ix_(some, some)] * scale[some] * scale[some, None] + np.diag(precision)
+        unit = 1.0 / np.sqrt(np.where(np.diag(known) > 0.0, np.diag(known), 1.0))
+        known = known * unit * unit[:, None] + RESOLUTION * np.eye(len(unit))
+        root = cholesky(known, lower=True, check_finite=False)
+        half = solve_triangular(root, (columns[:, some] * (scale[some] * unit)).T, lower=True, check_finite=False)
+        left = self.projection.data - half.T @ (half @ self.projection.data)
         for number in np.unique(self.kinds.folds):
-            own = np.repeat(self.kinds.folds == number, depth)
-            held = LinearGaussian(gram - columns[own].T @ columns[own] + np.diag(precision))
-            left[own] = data[own] - columns[own] @ held.solve(score - columns[own].T @ data[own])
+            own = np.flatnonzero(np.repeat(self.kinds.folds == number, depth))
+            rest = (1.0 + ROUNDING) * np.eye(len(own)) - squared(half[:, own])
+            left[own] = solve(rest, left[own], assume_a="pos", check_finite=False)
         return self.rms(left)
 
 

@@ -17,6 +17,9 @@ from armflex.conventions import Array
 from armflex.estimate.fit import Fit
 from armflex.linear_gaussian import ROUNDING, LinearGaussian
 
+LEAST_INFORMED = 1e-3
+"""Tolerance: information of the readings on an amplitude, by that of its prior, below which it is left out."""
+
 
 @dataclass(frozen=True, eq=False)
 class Projection:
@@ -29,6 +32,7 @@ class Projection:
         count: Number of readings; places of orientations that were not read are zero in everything, and none.
         random: (P,) which parameters are amplitudes of families, whose size the readings gave: they are components of
             the readings' covariance rather than fitted, and take no degree of freedom. None where there are none.
+        axes: (Q, P) changes of Q parameters per unit of these, where it is `condensed`; None where they are the same.
     """
 
     regressors: Array
@@ -36,6 +40,31 @@ class Projection:
     data: Array
     count: int
     random: np.ndarray | None = None
+    axes: Array | None = None
+
+    @cached_property
+    def condensed(self) -> Projection:
+        """The same with as few amplitudes of families as the readings distinguish: principal axes of what they do.
+
+        Sines that are fine enough for every range and every length are many more.
+        """
+        if self.random is None or not self.random.any() or self.axes is not None:
+            return self
+        std = 1.0 / np.sqrt(self.precision[self.random])
+        columns = self.regressors[:, self.random] * std
+        size, turned = np.linalg.eigh(columns.T @ columns)
+        turned = turned[:, size > LEAST_INFORMED]
+        kept, count = np.flatnonzero(~self.random), turned.shape[1]
+        axes = np.zeros((len(self.precision), len(kept) + count))
+        axes[kept, np.arange(len(kept))] = 1.0
+        axes[self.random, len(kept) :] = std[:, None] * turned
+        return replace(
+            self,
+            regressors=np.hstack([self.regressors[:, kept], columns @ turned]),
+            precision=np.append(self.precision[kept], np.ones(count)),
+            random=np.arange(len(kept) + count) >= len(kept),
+            axes=axes,
+        )
 
     @cached_property
     def fitted(self) -> LinearGaussian:
@@ -58,8 +87,9 @@ class Projection:
     def with_columns(self, columns: Array, precision: Array) -> Projection:
         """Return the projection of what is fitted and (n, k) further columns with (k,) prior precisions."""
         random = None if self.random is None else np.append(self.random, np.zeros(len(precision), dtype=bool))
-        regressors = np.hstack([self.regressors, columns])
-        return replace(self, regressors=regressors, precision=np.append(self.precision, precision), random=random)
+        axes = None if self.axes is None else np.pad(self.axes, [(0, 0), (0, len(precision))])
+        regressors, precision = np.hstack([self.regressors, columns]), np.append(self.precision, precision)
+        return replace(self, regressors=regressors, precision=precision, random=random, axes=axes)
 
     @cached_property
     def bare(self) -> Projection:
@@ -113,16 +143,25 @@ class Projection:
 
     def left_of(self, change: Array) -> Array:
         """Return (n, ...) M x of changes x of the readings: what the fitted parameters do not take over."""
-        return change - self.half.T @ (self.half @ change) - self.each.T @ (self.each @ change)
+        left = change - self.half.T @ (self.half @ change)
+        return left - self.each.T @ (self.each @ change) if self.each.shape[0] else left
 
     def inside(self, columns: Array) -> Array:
         """Return the (k, k) products X'MX of few (n, k) columns, in half the time of `left_of`."""
-        shared, apart = self.half @ columns, self.each @ columns
-        return columns.T @ columns - shared.T @ shared - apart.T @ apart
+        shared = self.half @ columns
+        left = columns.T @ columns - shared.T @ shared
+        if not self.each.shape[0]:
+            return left
+        apart = self.each @ columns
+        return left - apart.T @ apart
 
     def absorbed(self, change: Array) -> Array:
         """Return the values by which all fitted parameters take over a (n,) change of the readings."""
         return self.fitted.solve(self.regressors.T @ change)
+
+    def whole(self, values: Array) -> Array:
+        """Return (P, ...) values as those of the parameters that this is condensed from."""
+        return values if self.axes is None else self.axes @ values
 
     def resampled(self, times: Array) -> Projection:
         """Return the same where each of (n,) readings counts so many times; those of no time are left out."""

@@ -111,7 +111,8 @@ def _freed(screen: Screen, beside: Beside) -> Beside:
     last = screen.groups[beside.model[-1].number].hypothesis
     if not last.one.fitted:
         return beside
-    slopes = _Search(screen, beside, last, 1.0).slopes(last.one.inner, beside.amplitudes[-1], last.one.fitted)
+    columns = screen.bank.made(last.one)
+    slopes = _Search(screen, beside, last, 1.0).slopes(last.one.inner, columns, beside.amplitudes[-1], last.one.fitted)
     numbers = screen.hold((replace(last, prior=-np.inf), slope[:, None]) for slope in slopes.T)
     near = [int(np.abs(SCALES - 1.0 / max(float(screen.groups[i].scale[0]), 1e-12)).argmin()) for i in numbers]
     return screen.beside((*beside.model, *map(Chosen, numbers, near)))
@@ -212,11 +213,14 @@ class _Search:
             inner = _with(inner, i, self.law.inner[i].moved(inner[i], self.cells[i] * step))
         return inner
 
-    def slopes(self, inner: Values, amplitudes: Array, free: Sequence[int]) -> Array:
-        """Return the (n, f) changes of what the hypothesis explains with values inside it, by a cell of their grids."""
-        steps = QUOTIENT_STEP * np.eye(len(free))
-        pairs = [[self.columns(self._moved(inner, free, sign * step)) for sign in (1.0, -1.0)] for step in steps]
-        return np.stack([(more - less) @ amplitudes for more, less in pairs], axis=1) / (2.0 * QUOTIENT_STEP)
+    def slopes(self, inner: Values, columns: Array, amplitudes: Array, free: Sequence[int]) -> Array:
+        """Return the (n, f) changes of what (n, k) columns explain with values inside the law, by cells of the grids.
+
+        By one-sided quotients: half as many columns are made, and a step is checked by the evidence that it leads to.
+        """
+        steps = [self._moved(inner, free, step) for step in QUOTIENT_STEP * np.eye(len(free))]
+        changes = [(self.columns(moved) - columns) @ amplitudes for moved in steps]
+        return np.stack(changes, axis=1) / QUOTIENT_STEP
 
     def _climbed(self, here: _At, free: Sequence[int]) -> tuple[_At, float]:
         """Return the best values near some, and the log of how much less their posterior is than a cell of the grid."""
@@ -224,7 +228,7 @@ class _Search:
         damping, slopes = 1e-2, np.zeros((len(here.columns), 0))
         prior = np.array([float(one.spread is not None) for one in inners])  # of steps: a cell is its deviation
         for _ in range(MOST_ROUNDS):
-            slopes = self.slopes(here.inner, here.amplitudes, free)
+            slopes = self.slopes(here.inner, here.columns, here.amplitudes, free)
             if not np.isfinite(slopes).all():
                 return here, 0.0
             information, score = self.reduced(np.hstack([here.columns, slopes]))

@@ -55,6 +55,7 @@ class Screen(Evidence):
     """The evidence of all hypotheses at a fit: those of the catalogue's grid in one block, further ones in another.
 
     Attributes:
+        known: The hypotheses of the catalogue's grid, as they were given.
         bank: Makes columns, which are whitened by the scatter of the readings, `quiet` times that stated.
         fit, context: Where they are made.
         projection: Of what is fitted anyway.
@@ -65,7 +66,7 @@ class Screen(Evidence):
     error = LINEAR_ERROR
 
     def __init__(self, known: Sequence[Hypothesis], bank: Bank, projection: Projection, charge: float = 0.0) -> None:
-        self.bank, self.projection, self.quiet = bank, projection, bank.quiet
+        self.known, self.bank, self.projection, self.quiet = known, bank, projection, bank.quiet
         self.fit, self.context = bank.fit, bank.context
         self.objective, self.freedom = projection.objective, projection.freedom
         self.constant = -projection.freedom * float(np.log(bank.quiet)) - 0.5 * projection.volume - charge
@@ -76,7 +77,7 @@ class Screen(Evidence):
         products = bank.products(np.column_stack([projection.half.T, projection.residual, marks]))
         seen, scores, marked = np.split(products, [-1 - MARKS, -MARKS], axis=1)
         scale, some = np.empty(len(products)), list[tuple[np.ndarray, np.ndarray, Array]]()
-        for groups, whole, through in bank.squares(projection.each):
+        for groups, whole, through in bank.squares(projection.each if projection.each.shape[0] else None):
             places = bank.starts[groups][:, None] + np.arange(whole.shape[1])
             own = scale[places] = self._scaled(np.einsum("gkk->gk", whole))
             inside = whole - seen[places] @ seen[places].transpose(0, 2, 1) - through
@@ -299,7 +300,7 @@ class Dense(Evidence):
     ) -> None:
         self.groups, self.columns, self.projection, self.numbers = groups, columns, projection, numbers
         self.objective, self.freedom = projection.objective, projection.freedom
-        whole = self._gram = columns.T @ projection.left_of(columns)
+        whole = self._gram = projection.inside(columns)
         batches = batches_of(groups, lambda places: whole[places[:, :, None], places[:, None, :]])
         scores = self._scores = columns.T @ projection.residual
         self.blocks = [Block(batches, scores, priors, lambda places: whole[:, places])]

@@ -167,7 +167,7 @@ def with_families(state: State) -> State:
 def linear(state: State, known: Sequence[Hypothesis] = ()) -> Standing:
     """Return a state with the linear problem of these hypotheses and its own: without any, what a trial is worth."""
     bank = Bank(tuple(one.one for one in known), state.fit, state.context, state.reporter, state.quiet)
-    screen = Screen(known, bank, state.bare, state.background.charge)
+    screen = Screen(known, bank, state.bare.condensed, state.background.charge)
     return Standing(state, screen, own_model(screen, state.hypotheses))
 
 
@@ -218,7 +218,7 @@ def _random_first(here: Standing) -> Standing | None:
     That is a product of columns, or else a random twist from pose to pose, set aside.
     """
     place = here.scattered[0]
-    if _odds(place, here.scattered) <= 0.0 or here.state.random is not None:
+    if _odds(place, here.scattered) <= 0.0 or not here.state.may_scatter:
         return None
     few = climbed(here.screen, here.model, refine, most=int(EFFECTS))  # more may imitate a random twist
     if here.screen.log_posterior(few) > here.value + _odds(place, here.scattered):
@@ -373,8 +373,8 @@ def _without(here: Standing, family: str) -> Standing:
     """Return the linear problem of a state as it is without a family."""
     state, fewer = here.state, here.state.background.without(family)
     state.reporter.stage(f"screening what names explain without {family}")
-    projection = state.bare_without(family)
-    screen = Screen(hypotheses(state.context), here.screen.bank, projection, fewer.charge)
+    projection = state.bare_without(family).condensed
+    screen = Screen(here.screen.known, here.screen.bank, projection, fewer.charge)
     return Standing(replace(state, background=fewer), screen, own_model(screen, state.hypotheses))
 
 
@@ -403,7 +403,7 @@ def refitted(here: Standing, model: Model) -> State | None:
         promised[:count] = start[:count] - (now.pop(0) if now else 0.0)
         starts.append((start, promised))
     projection, rest = screen.projection, sum(len(block.parameters) for block in state.blocks)
-    absorbed = projection.absorbed(projection.data - screen.explained(beside))
+    absorbed = projection.whole(projection.absorbed(projection.data - screen.explained(beside)))
     beside_effects = absorbed[rest:]  # families, and a random twist
     if not known:  # of several minima that of the calibration
         absorbed = state.first.values
@@ -435,7 +435,7 @@ def _with_products(here: Standing) -> Standing | None:
 def _set_aside(here: Standing) -> Standing | None:
     """Propose a random twist beside the effects."""
     place, state = here.unrecorded, here.state
-    if place is None or state.random is not None:
+    if place is None or not state.may_scatter:
         return None
     state.reporter.stage(f"setting aside a random twist at {place.site} {place.axis}")
     groups = state.context.column(POSE).astype(int)

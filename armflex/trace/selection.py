@@ -455,7 +455,8 @@ def rivals(
         if charged > top:
             top, least = charged, beside.rough(charged, within)
     if refine is not None and rough:
-        refine(beside, sorted(rough, key=lambda one: -one.odds)[:most])
+        near = beside.rough(top, min(within, WITHIN))  # what is further off competes as it is on the grid
+        refine(beside, [one for one in sorted(rough, key=lambda one: -one.odds)[:most] if one.odds >= near])
         if len(evidence.groups) > known:
             return rivals(evidence.beside(beside.model), None, only, most, within)
     found = [one for one in (*found, *rough) if one.odds >= top - within]

@@ -136,6 +136,11 @@ class State:
         random = 0.0 if self.random is None else self.random.jacobian(view) @ self.values_of(self.random)
         return view.residual + random
 
+    @property
+    def may_scatter(self) -> bool:
+        """Whether a random twist may be set aside: none is, nor are families that have what nothing else explains."""
+        return self.random is None and not self.background.names
+
     @cached_property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """What was added, with values inside laws as they were fitted."""
@@ -209,7 +214,7 @@ class State:
         Raises:
             ConvergenceError: What families do is not finite.
         """
-        return kinds_of(self.fit, self.context, self.groups).beside(self.named)
+        return kinds_of(self.fit, self.context, self.groups).beside(self.named, self.background)
 
 
 def begin(calibration: Calibration, reporter: Reporter = SILENT) -> State:
@@ -241,7 +246,7 @@ def with_all_of(state: State, found: State) -> State:
     """
     effects = [replace(one, effect=one.effect.seen_in(state.context, state.rows)) for one in found.effects]
     after, start = replace(state, known=found.known, background=found.background), found.fit.values
-    return sorted_out(refit(after, tuple(effects), found.random, start, THOROUGH), THOROUGH)
+    return sorted_out(refit(after, tuple(effects), found.random, start))
 
 
 def sorted_out(state: State, effort: Effort = ROUGH) -> State:

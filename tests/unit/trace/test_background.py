@@ -62,6 +62,23 @@ def test_what_is_fitted_beside_families_takes_degrees_of_freedom() -> None:
     assert beside.freedom == pytest.approx(50 - np.trace(np.eye(50) - np.linalg.inv(bare)))
 
 
+def test_what_readings_cannot_tell_apart_is_one_amplitude() -> None:
+    projection, _ = drawn(2)
+    twins = projection.regressors[:, 3:] @ np.random.default_rng(2).normal(size=(8, 40))
+    random = np.append(projection.random, np.ones(40, dtype=bool))
+    regressors, precision = np.hstack([projection.regressors, twins]), np.append(projection.precision, np.ones(40))
+    many = Projection(regressors, precision, projection.data, 50, random)
+    few = many.condensed
+    assert few.regressors.shape[1] == 3 + 8
+    assert few.objective == pytest.approx(many.objective)
+    assert few.volume == pytest.approx(many.volume)
+    assert few.freedom == pytest.approx(many.freedom)
+    assert few.inside(projection.regressors) == pytest.approx(many.inside(projection.regressors))
+    assert few.whole(few.values) == pytest.approx(many.values)
+    few, many = (one.with_columns(twins, np.ones(40)) for one in (few, many))
+    assert few.whole(few.values) == pytest.approx(many.values[:51])
+
+
 def curves() -> list[Effect]:
     """Return a curve of each drive: sines that fall with their number."""
     arm, rng, effects = six_axes.declared(), np.random.default_rng(5), []

@@ -182,7 +182,7 @@ def test_a_random_twist_that_is_set_aside_leaves_an_account(folder: Path, tmp_pa
     state = begin(calibrate(arm, read_measurements(folder / "rows.csv", arm), keep=True, as_stated=True))
     groups = state.context.column(POSE).astype(int)
     aside = with_random(state, PoseBlock("J3", "ry", 1e-4, groups))
-    found = so_far(aside, linear(aside).places, "by hand", None)
+    found = so_far(aside, linear(aside).places, "by hand")
     assert found.unexplained is not None and found.unexplained.site == "J3"
     assert conclude(standing(aside), found.places).arm.certainty is not None
 
