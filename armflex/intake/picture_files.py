@@ -12,7 +12,7 @@ import numpy as np
 
 from armflex.conventions import parse_quantity
 from armflex.declaration import Declaration
-from armflex.declaration import SourceTable as Text
+from armflex.declaration import Source as Text
 from armflex.errors import ArmflexError, InputError, Place, TableError, listing
 from armflex.intake.sources import SourceTable
 from armflex.measured.pictures import CORNER, MOST_BYTES, find_corners
