@@ -32,7 +32,7 @@ from armflex.errors import (
 )
 from armflex.laws.declared import Flexure as Flexure
 from armflex.laws.effects.context import begun_anew
-from armflex.laws.effects.effect import Effect, Model
+from armflex.laws.effects.effect import ChangeableModel, Effect
 from armflex.laws.effects.in_arm import Pulling, pulling, with_twists
 from armflex.mechanics.certificate import NEAR
 from armflex.mechanics.deflection import Asked, Deflection, DeflectionBatch, deflect, deflect_batch, near_buckling
@@ -681,7 +681,9 @@ class Setup:
     def with_effect(self, effect: Effect) -> Setup:
         """Return the setup with one more effect in it, and with what the effect changes of the model."""
         arm = self.arm
-        model = effect.law.change(effect, Model(arm.robot, arm.corrections, arm.payloads, arm.springs, self.instrument))
+        model = effect.law.change(
+            effect, ChangeableModel(arm.robot, arm.corrections, arm.payloads, arm.springs, self.instrument)
+        )
         parts = {name: getattr(model, name) for name in ("robot", "corrections", "payloads", "springs")}
         return Setup(replace(arm, effects=(*arm.effects, effect), **parts), model.instrument)
 

@@ -54,7 +54,7 @@ SEEN = (*FRAMES, ParameterKind.TOOL)
 
 
 @dataclass(frozen=True)
-class Group:
+class ParameterGroup:
     """What changes as a whole: a frame, a joint's zero, a flexure's law, an effect.
 
     Attributes:
@@ -88,7 +88,7 @@ class ArmParameter:
         unit: Of what a fit moves: '1' of a logarithm.
     """
 
-    group: Group
+    group: ParameterGroup
     name: str | None = None
     unit: str = field(default="1", compare=False)
 
@@ -107,7 +107,7 @@ def of_motions(
     kind: ParameterKind, names: Iterable[str | None] = (None,), axes: Sequence[str] = TWIST_NAMES
 ) -> tuple[ArmParameter, ...]:
     """Return the axes of a small motion [m, rad] of every thing of a kind."""
-    groups = (Group(kind, name, kind not in SEEN) for name in names)
+    groups = (ParameterGroup(kind, name, kind not in SEEN) for name in names)
     return tuple(ArmParameter(group, axis, "m" if axis[0] == "d" else "rad") for group in groups for axis in axes)
 
 
@@ -129,7 +129,9 @@ def of_targets(sessions: Iterable[str], size: int = 6) -> tuple[ArmParameter, ..
 def of_sensor(sensor: Sensor, sessions: Iterable[str]) -> tuple[ArmParameter, ...]:
     """Return what a campaign has to find of a sensor, in every session anew; '' is one that holds for all."""
     return tuple(
-        ArmParameter(Group(ParameterKind.SENSOR, f"{sensor.name} {session}".strip(), moves=False), *sensor.labels[i])
+        ArmParameter(
+            ParameterGroup(ParameterKind.SENSOR, f"{sensor.name} {session}".strip(), moves=False), *sensor.labels[i]
+        )
         for session in sessions
         for i in sensor.free_in(session).tolist()
     )
@@ -138,7 +140,7 @@ def of_sensor(sensor: Sensor, sessions: Iterable[str]) -> tuple[ArmParameter, ..
 def of_offsets(robot: Robot) -> tuple[ArmParameter, ...]:
     """Return the constant error of every joint's position."""
     joints = ((joint.name, "m" if joint.kind == "prismatic" else "rad") for joint in robot.moving)
-    return tuple(ArmParameter(Group(ParameterKind.OFFSET, name), unit=unit) for name, unit in joints)
+    return tuple(ArmParameter(ParameterGroup(ParameterKind.OFFSET, name), unit=unit) for name, unit in joints)
 
 
 CARRIED = "payload "
@@ -147,13 +149,13 @@ CARRIED = "payload "
 
 def of_masses(names: Iterable[str]) -> tuple[ArmParameter, ...]:
     """Return the logarithmic factors on the masses of links, and of payloads that are named after `CARRIED`."""
-    return tuple(ArmParameter(Group(ParameterKind.MASS, name)) for name in names)
+    return tuple(ArmParameter(ParameterGroup(ParameterKind.MASS, name)) for name in names)
 
 
 def of_springs(springs: Iterable[Spring]) -> tuple[ArmParameter, ...]:
     """Return what calibration may find of springs; see `mechanics.spring`."""
     pairs = [
-        (Group(ParameterKind.SPRING, spring.name), parameter)
+        (ParameterGroup(ParameterKind.SPRING, spring.name), parameter)
         for spring in springs
         for parameter in spring.law.parameters
     ]
@@ -162,17 +164,17 @@ def of_springs(springs: Iterable[Spring]) -> tuple[ArmParameter, ...]:
 
 def of_compliance(flexure: str) -> tuple[ArmParameter, ...]:
     """Return the logarithmic factors on the axes of a flexure's compliance."""
-    return tuple(ArmParameter(Group(ParameterKind.COMPLIANCE, flexure), axis) for axis in TWIST_NAMES)
+    return tuple(ArmParameter(ParameterGroup(ParameterKind.COMPLIANCE, flexure), axis) for axis in TWIST_NAMES)
 
 
 def of_law(flexure: str, law: Law, kind: ParameterKind = ParameterKind.LAW) -> tuple[ArmParameter, ...]:
     """Return the parameters of a flexure's law that was learned, or is scaled (`ParameterKind.COMPLIANCE`)."""
-    return tuple(ArmParameter(Group(kind, flexure), parameter.name) for parameter in law.parameters)
+    return tuple(ArmParameter(ParameterGroup(kind, flexure), parameter.name) for parameter in law.parameters)
 
 
-def fitted_group(flexure: Flexure) -> Group:
+def fitted_group(flexure: Flexure) -> ParameterGroup:
     """Return what a fit of a flexure's law finds anything of."""
-    return Group(ParameterKind.LAW if flexure.learned else ParameterKind.COMPLIANCE, flexure.name)
+    return ParameterGroup(ParameterKind.LAW if flexure.learned else ParameterKind.COMPLIANCE, flexure.name)
 
 
 def of_effect(effect: Effect, number: int) -> tuple[ArmParameter, ...]:
@@ -181,7 +183,7 @@ def of_effect(effect: Effect, number: int) -> tuple[ArmParameter, ...]:
     `number` is which of its name it is in an arm, see `numbers_of`.
     """
     moves = effect.law.act not in (Act.FRAME, Act.SCALE, Act.SIGHT)
-    group, law = Group(ParameterKind.EFFECT, f"{effect.name}{numbered(number)}", moves), effect.law
+    group, law = ParameterGroup(ParameterKind.EFFECT, f"{effect.name}{numbered(number)}", moves), effect.law
     units = dict(zip(effect.named, effect.units, strict=True))
     amplitudes = tuple(
         ArmParameter(group, amplitude.name, units[amplitude.name])
@@ -230,7 +232,7 @@ def named(labels: Iterable[str], labelled: Sequence[tuple[ArmParameter, str]]) -
             kind = next((kind for kind in ParameterKind if label.startswith(f"{kind} ")), None)
             if kind is None:
                 raise UnknownNameError("parameter", label, called)
-            candidates = [ArmParameter(Group(kind, label.removeprefix(f"{kind} ")))]
+            candidates = [ArmParameter(ParameterGroup(kind, label.removeprefix(f"{kind} ")))]
         parameters.append(candidates[0])
     return tuple(parameters)
 
@@ -295,7 +297,7 @@ class Certainty:
         return tuple(parameter.label for parameter in self.parameters)
 
     @cached_property
-    def groups(self) -> frozenset[Group]:
+    def groups(self) -> frozenset[ParameterGroup]:
         """What anything is known of."""
         return frozenset(parameter.group for parameter in self.parameters)
 

@@ -33,7 +33,7 @@ Step = Callable[[Array], bool | None]
 
 
 @dataclass(frozen=True)
-class HeldOut:
+class HeldOutFolds:
     """Every row as a fit without it saw it.
 
     Attributes:
@@ -64,7 +64,9 @@ def random_folds(count: int, folds: int, seed: int) -> np.ndarray:
     return np.random.default_rng(seed).permutation(count) % min(folds, count)
 
 
-def hold_out(learner: Learner, data: JointData, fold: np.ndarray, seed: int = 0, step: Step | None = None) -> HeldOut:
+def hold_out(
+    learner: Learner, data: JointData, fold: np.ndarray, seed: int = 0, step: Step | None = None
+) -> HeldOutFolds:
     """Return every row's error from a fit without its fold.
 
     Args:
@@ -94,11 +96,11 @@ def hold_out(learner: Learner, data: JointData, fold: np.ndarray, seed: int = 0,
         std[out] = stated_std(law, data.loads[out])
         if step and step(residual) is False:
             break
-    return HeldOut(residual, std, "leave-one-out" if len(labels) == len(data) else f"{len(labels)}-fold")
+    return HeldOutFolds(residual, std, "leave-one-out" if len(labels) == len(data) else f"{len(labels)}-fold")
 
 
 @dataclass(frozen=True)
-class Candidate:
+class ModelCandidate:
     """A model that may be chosen, by a `name` that states its options; candidates are listed the plainest first."""
 
     name: str
@@ -107,7 +109,7 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Compared:
+class ModelScore:
     """A candidate and its held-out errors.
 
     Attributes:
@@ -130,13 +132,13 @@ class Compared:
 
 
 def compare(
-    candidates: Sequence[Candidate],
+    candidates: Sequence[ModelCandidate],
     data: JointData,
     seed: int = 0,
     folds: int = FOLDS,
     repeats: int = REPEATS,
     step: Step | None = None,
-) -> tuple[Compared, ...]:
+) -> tuple[ModelScore, ...]:
     """Return every candidate's errors over repeats of the same random folds, or why it has none; `step` as above."""
     compared = []
     for candidate in candidates:
@@ -151,11 +153,11 @@ def compare(
                 squares, reason = np.full_like(squares, np.inf), "it could not be chosen any more"
         except InputError as error:  # too few rows for this model: it is no candidate
             squares, reason = np.full_like(data.deflections, np.inf), str(error)
-        compared.append(Compared(candidate.name, candidate.model, squares, reason, time.perf_counter() - began))
+        compared.append(ModelScore(candidate.name, candidate.model, squares, reason, time.perf_counter() - began))
     return tuple(compared)
 
 
-def race(candidates: Sequence[Candidate], data: JointData, seed: int, folds: int, least: Array) -> int:
+def race(candidates: Sequence[ModelCandidate], data: JointData, seed: int, folds: int, least: Array) -> int:
     """Return what `chosen` makes of `compare`, without fits that no longer matter.
 
     The last candidate, which takes longest, is chosen only where its mean loss is the smallest of all. Its squares can
@@ -181,7 +183,7 @@ def negligible(deflections: Array) -> Array:
     return NEGLIGIBLE * np.where(moved > 0.0, moved, moved.max())
 
 
-def chosen(compared: Sequence[Compared], least: Array | float = 0.0) -> int:
+def chosen(compared: Sequence[ModelScore], least: Array | float = 0.0) -> int:
     """Return the number of the plainest candidate within one standard error of the best.
 
     Columns count alike: each is measured by the smallest held-out error that any candidate reaches on it, or by the
@@ -201,8 +203,8 @@ def chosen(compared: Sequence[Compared], least: Array | float = 0.0) -> int:
 
 
 def assess(
-    candidates: Sequence[Candidate], data: JointData, seed: int = 0, step: Step | None = None
-) -> tuple[HeldOut, dict[str, int]]:
+    candidates: Sequence[ModelCandidate], data: JointData, seed: int = 0, step: Step | None = None
+) -> tuple[HeldOutFolds, dict[str, int]]:
     """Return the errors of choosing among candidates anew in each fold, and how often each was chosen.
 
     `step` is as above.

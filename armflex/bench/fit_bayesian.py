@@ -69,7 +69,7 @@ FLOOR = 0.5
 
 
 @dataclass(frozen=True)
-class Prior:
+class NetworkPrior:
     """The prior of the parameters, in scaled units.
 
     Attributes:
@@ -124,7 +124,7 @@ def fit_bayesian(
     chains: int = 4,
     draws: int | None = None,
     allow_unconverged: bool = False,
-    prior: Prior | None = None,
+    prior: NetworkPrior | None = None,
 ) -> Fitted:
     """Return a network's posterior as a law that averages the predictions of up to 200 networks drawn from it.
 
@@ -173,16 +173,16 @@ def fit_bayesian(
     return Fitted(law, parameters, posterior.diagnostics)
 
 
-def evident_prior(problem: NetworkProblem, seed: int) -> Prior:
+def evident_prior(problem: NetworkProblem, seed: int) -> NetworkPrior:
     """Return the prior whose precisions the data themselves make most likely, within bounds that leave all groups free.
 
     On 91 rows with quadratic terms they halved the error variance on new loads that unit precisions gave: a network
     that is nearly linear wants small hidden and large output weights.
     """
-    return Prior(np.clip(find_modes(problem, STARTS, seed)[0].precisions, *PRECISIONS))
+    return NetworkPrior(np.clip(find_modes(problem, STARTS, seed)[0].precisions, *PRECISIONS))
 
 
-def sample(problem: NetworkProblem, sampler: str, seed: int, chains: int, draws: int, prior: Prior) -> Posterior:
+def sample(problem: NetworkProblem, sampler: str, seed: int, chains: int, draws: int, prior: NetworkPrior) -> Posterior:
     """Return the draws of "nuts" or "metropolis" with what they are worth, converged or not.
 
     Chains run where `joblib.parallel_config` says, with the same draws.
@@ -271,7 +271,7 @@ class Collapsed:
     """
 
     problem: NetworkProblem
-    prior: Prior = field(default_factory=Prior)
+    prior: NetworkPrior = field(default_factory=NetworkPrior)
 
     @cached_property
     def _split(self) -> int:

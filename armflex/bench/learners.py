@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from numbers import Integral
 from typing import Any
 
-from armflex.bench.cross_validation import Candidate
+from armflex.bench.cross_validation import ModelCandidate
 from armflex.bench.fit_linear import STRUCTURES, fit_compliance, fit_polynomial, fit_terms
 from armflex.bench.fitted import Fitted, Learner
 from armflex.conventions import Array
@@ -148,7 +148,7 @@ def _one_of(value: str | None, allowed: tuple[str, ...], model: str) -> None:
         raise UnknownNameError(f"option of a {model} model", str(value), allowed)
 
 
-def candidates(options: Options) -> tuple[Candidate, ...]:
+def candidates(options: Options) -> tuple[ModelCandidate, ...]:
     """Return what `auto` chooses among, the plainest first."""
     ladder = [
         *((f"linear, {each}", "linear", {"structure": each}) for each in reversed(STRUCTURES)),
@@ -157,13 +157,15 @@ def candidates(options: Options) -> tuple[Candidate, ...]:
         ("terms as found", "polynomial", {"features": (FOUND,)}),
         ("quadratic", "polynomial", {"features": ("quadratic",)}),
     ]
-    plain = [Candidate(name, model, learner(model, replace(options, **changed))) for name, model, changed in ladder]
+    plain = [
+        ModelCandidate(name, model, learner(model, replace(options, **changed))) for name, model, changed in ladder
+    ]
 
     def network(loads: Array, deflections: Array, seed: int) -> Fitted:
         starts = affordable_starts(options, deflections.size)
         return learner("neural", replace(options, prior="evidence", starts=starts))(loads, deflections, seed)
 
-    return (*plain, Candidate(f"network of {options.neurons}", "neural", network))
+    return (*plain, ModelCandidate(f"network of {options.neurons}", "neural", network))
 
 
 def affordable_starts(options: Options, numbers: int) -> int:

@@ -121,7 +121,7 @@ def jacobian(problem: NetworkProblem, weights: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Point:
+class NetworkPoint:
     """A sum of squares at one place.
 
     Attributes:
@@ -164,7 +164,7 @@ class Weighted:
         """How many weights, the last ones, `evaluate` finds by itself, so that they need no damping."""
         return self.problem.size * (self.problem.neurons + 1) if self.solves else 0
 
-    def evaluate(self, weights: Array) -> Point:
+    def evaluate(self, weights: Array) -> NetworkPoint:
         """Return the cost at (P,) weights, with hidden values and one (N, H + 1) and errors (N, k)."""
         problem = self.problem
         values = hidden_values(problem.x, layers(weights, problem.size)[0])
@@ -177,9 +177,9 @@ class Weighted:
             weights = np.concatenate([weights[: -self.solved], *rows])
         errors = basis @ layers(weights, problem.size)[1].T - problem.y
         squares = ((errors / self.noise) ** 2).sum() + self.precisions @ weights**2
-        return Point(weights, 0.5 * self.unit * float(squares), (basis, errors))
+        return NetworkPoint(weights, 0.5 * self.unit * float(squares), (basis, errors))
 
-    def normal(self, point: Point) -> tuple[Array, Array]:
+    def normal(self, point: NetworkPoint) -> tuple[Array, Array]:
         """Return the (P,) gradient J^T e and the (P, P) matrix J^T J, of which the lower triangle is right.
 
         Blocks of the matrix are one Gram matrix, of hidden slopes times inputs, hidden values and one, times products

@@ -15,8 +15,8 @@ from armflex.bench.cross_validation import FOLDS as CHOICE_FOLDS
 from armflex.bench.cross_validation import (
     OUTER,
     REPEATS,
-    Compared,
-    HeldOut,
+    HeldOutFolds,
+    ModelScore,
     assess,
     chosen,
     compare,
@@ -294,7 +294,7 @@ def _asymmetry(law: Law) -> str:
     return text if excess[i, j] >= ASYMMETRY else ""
 
 
-def _worth(model: str, held: HeldOut, others: Sequence[Compared], least: Array) -> tuple[Flag, ...]:
+def _worth(model: str, held: HeldOutFolds, others: Sequence[ModelScore], least: Array) -> tuple[Flag, ...]:
     """Return a flag where a model without weights does as well as a network, by the mean of the columns' ratios."""
     plain = [candidate for candidate in others if candidate.model != "neural" and np.isfinite(candidate.squares).all()]
     networks = (

@@ -211,7 +211,7 @@ def showing_stages(title: str = "") -> Iterator[None]:
 
     thread = threading.Thread(target=keep_saying, daemon=True)
     thread.start()
-    log, lines = logging.getLogger("armflex"), _Lines()
+    log, lines = logging.getLogger("armflex"), _Complaints()
     log.addHandler(lines)
     try:
         yield
@@ -223,7 +223,7 @@ def showing_stages(title: str = "") -> Iterator[None]:
             _now["doing"] = ""
 
 
-class _Lines(logging.Handler):
+class _Complaints(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         complain(record.getMessage())
 

@@ -17,7 +17,7 @@ from armflex.conventions import RESOLUTION, TWIST_NAMES, Shown, row_numbers, sai
 from armflex.errors import ArmflexError, ConventionError, Flag, InputError, UnsupportedError, listing, naming
 from armflex.estimate.block import Block, law_block, parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
-from armflex.estimate.fit import Fit, Weighed, fit, realise
+from armflex.estimate.fit import Fit, WeighedReadings, fit, realise
 from armflex.estimate.held_out import (
     POSE_FOLDS,
     OfCampaign,
@@ -51,7 +51,7 @@ from armflex.measured.data_flags import check_joint_units
 from armflex.measured.joined import as_campaign
 from armflex.measured.measurements import Measurements
 from armflex.measured.table import Tabular
-from armflex.parameters import FRAMES, OF_SESSION, ArmParameter, Group, ParameterKind, beyond_priors
+from armflex.parameters import FRAMES, OF_SESSION, ArmParameter, ParameterGroup, ParameterKind, beyond_priors
 from armflex.progress import Progress
 from armflex.readings import Kind
 from armflex.readings.instrument import ROUNDS
@@ -135,8 +135,8 @@ class Calibration(Result):
         for joint in self.arm.robot.moving:
             drive, unit = drive_of(joint), "m" if joint.kind == "prismatic" else "rad"
             axis = int(np.abs(drive).argmax())
-            zero = ArmParameter(Group(ParameterKind.OFFSET, joint.name), unit=unit)
-            turn = ArmParameter(Group(ParameterKind.GEOMETRY, joint.name), TWIST_NAMES[axis], unit)
+            zero = ArmParameter(ParameterGroup(ParameterKind.OFFSET, joint.name), unit=unit)
+            turn = ArmParameter(ParameterGroup(ParameterKind.GEOMETRY, joint.name), TWIST_NAMES[axis], unit)
             covariance = self.arm.certainty and self.arm.certainty.among((zero, turn))
             if covariance is None or abs(drive[axis]) < 1.0 - RESOLUTION or not {zero, turn} <= rows.keys():
                 continue
@@ -344,7 +344,7 @@ def fitted_to(
     looks = any(kind.apart for kind in measurements.readings.kinds)
     if looks and as_stated:  # while the arm lacks something the corners of a picture repeat each other
         measurements = replace(measurements, readings=measurements.readings.as_looks)
-    begun, rounds = Weighed(measurements), ROUNDS if looks or not as_stated else 0
+    begun, rounds = WeighedReadings(measurements), ROUNDS if looks or not as_stated else 0
     if looks:
         # What the arm lacks all numbers of a look share: weighed as stated they would drive what is free far beyond
         # its prior before their scatter is known.
@@ -357,7 +357,9 @@ def fitted_to(
         elif looks and fitted.factors:
             scattered = _with_play(fitted, measurements, rounds, progress, placed)
             values = scattered.values[: len(fitted.values)]
-            view = look(realise(declared, blocks, values), Weighed(measurements, fitted.factors).measurements, used)
+            view = look(
+                realise(declared, blocks, values), WeighedReadings(measurements, fitted.factors).measurements, used
+            )
             fitted = replace(fitted, values=values, view=view)
     else:
         fitted, flags = fit_learning(declared, blocks, laws, begun, used, not as_stated, progress)
@@ -413,7 +415,7 @@ def far_from_declared(fitted: Fit, parameters: Sequence[ArmParameter], arm: Arm)
 def _fit(
     declared: Setup,
     blocks: Sequence[Block],
-    weighed: Weighed,
+    weighed: WeighedReadings,
     used: np.ndarray,
     rounds: int,
     progress: Progress | None,
@@ -457,7 +459,13 @@ def _with_play(fitted: Fit, measurements: Measurements, rounds: int, progress: P
         axis = TWIST_NAMES[int(np.abs(drive_of(joint)).argmax())]
         twists.append(PoseBlock(joint.name, axis, USUAL_PRIOR.joint_offset, poses))
     return _fit(
-        fitted.declared, [*fitted.blocks, *twists], Weighed(measurements), fitted.view.rows, rounds, progress, begun
+        fitted.declared,
+        [*fitted.blocks, *twists],
+        WeighedReadings(measurements),
+        fitted.view.rows,
+        rounds,
+        progress,
+        begun,
     )
 
 

@@ -39,7 +39,7 @@ class Placed:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class SeenRows:
     """Rows of one session in which the tip was seen, and the rigid arm that is placed in them.
 
     Attributes:
@@ -136,7 +136,7 @@ class Family:
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class FittedFamily:
     """A family at the numbers that readings give it, what it then costs, and the convention that this is."""
 
     family: Family
@@ -167,7 +167,7 @@ def estimated(arm: Arm, every: Measurements, rows: np.ndarray) -> Iterator[Misre
     first = max(dict.fromkeys(sessions.tolist()), key=lambda name: int((sessions == name).sum()))
     rows = rows[sessions == first]
     thinned = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), 20 * FEW)).astype(int))]
-    seen = Seen(arm, every.q[thinned], every.position[thinned], thinned)
+    seen = SeenRows(arm, every.q[thinned], every.position[thinned], thinned)
     if len(thinned) < 3 * FEW or arm.robot.linkage:
         return
     with np.errstate(all="ignore"):
@@ -175,7 +175,7 @@ def estimated(arm: Arm, every: Measurements, rows: np.ndarray) -> Iterator[Misre
         yield from _columns(seen, every)
 
 
-def _columns(seen: Seen, every: Measurements) -> Iterator[Misreading]:
+def _columns(seen: SeenRows, every: Measurements) -> Iterator[Misreading]:
     """Yield the likeliest of the families, each refined, and of several at once where one alone leaves much."""
     left = seen.placed(seen.q).left
     if _is_near(seen, left):
@@ -197,12 +197,12 @@ def _columns(seen: Seen, every: Measurements) -> Iterator[Misreading]:
         yield from (fitted.misreading for fitted in pairs[:1])
 
 
-def _is_near(seen: Seen, left: Array) -> bool:
+def _is_near(seen: SeenRows, left: Array) -> bool:
     """Return whether what is left (M, 3) is no more than an arm lacks [m]."""
     return float(np.median(np.linalg.norm(left, axis=1))) < USUAL_PRIOR.joint_offset * seen.arm.robot.reach
 
 
-def _both(first: Fitted, other: Fitted) -> Family:
+def _both(first: FittedFamily, other: FittedFamily) -> Family:
     """Return the family of two, the second one of positions that the first has rewritten."""
     apart = len(first.numbers)
 
@@ -220,7 +220,7 @@ def _both(first: Fitted, other: Fitted) -> Family:
     return Family(map_, [np.concatenate([first.numbers, other.numbers])], named)
 
 
-def _fitted(seen: Seen, families: Sequence[Family], before: float) -> list[Fitted]:
+def _fitted(seen: SeenRows, families: Sequence[Family], before: float) -> list[FittedFamily]:
     """Return the likeliest families refined, the best first."""
     from scipy.optimize import least_squares  # not needed to import the package
 
@@ -233,7 +233,7 @@ def _fitted(seen: Seen, families: Sequence[Family], before: float) -> list[Fitte
         for number, family in enumerate(families)
         for place, start in enumerate(family.starts)
     ]
-    likely, fits = dict[int, int](), list[Fitted]()
+    likely, fits = dict[int, int](), list[FittedFamily]()
     for cost, number, place in sorted(looked):
         if cost < before - 1.0 and len(likely) < 2 * FEW:
             likely.setdefault(number, place)
@@ -253,12 +253,12 @@ def _fitted(seen: Seen, families: Sequence[Family], before: float) -> list[Fitte
             by, shift = family.map(numbers)
             if (cost := seen.cost(left(family, numbers))) < least + 1.0 or alike == ROUND:
                 hypothesis = Misreading(name, remedy, joints_as(by, shift), mistakes=mistakes, whole=True)
-                fits.append(Fitted(family, numbers, cost, hypothesis))
+                fits.append(FittedFamily(family, numbers, cost, hypothesis))
                 break
     return sorted(fits, key=lambda fitted: fitted.cost + fitted.misreading.mistakes)[:FEW]
 
 
-def _scales(seen: Seen, units: dict[str, str]) -> Iterator[Family]:
+def _scales(seen: SeenRows, units: dict[str, str]) -> Iterator[Family]:
     """Yield the families of a unit, with a zero: of all turning joints, of each joint alone, of parts of the limits."""
     robot, count = seen.arm.robot, seen.q.shape[1]
     turns = np.array([joint.kind != "prismatic" for joint in robot.moving])
@@ -365,7 +365,7 @@ def _scales(seen: Seen, units: dict[str, str]) -> Iterator[Family]:
         yield Family(alone, [np.array([step]) for step in steps(float(spread[i]), least, most)], one_unit)
 
 
-def _couplings(seen: Seen) -> Iterator[Family]:
+def _couplings(seen: SeenRows) -> Iterator[Family]:
     """Yield the families in which a joint is counted with a part of another one's position."""
     robot, count = seen.arm.robot, seen.q.shape[1]
     turning = [i for i, joint in enumerate(robot.moving) if joint.kind != "prismatic"]
@@ -395,7 +395,7 @@ def _couplings(seen: Seen) -> Iterator[Family]:
         yield Family(map_, [np.array([share]) for share in (1.0, -1.0, 0.5, -0.5)], named)
 
 
-def _homes(seen: Seen) -> Iterator[Family]:
+def _homes(seen: SeenRows) -> Iterator[Family]:
     """Yield the families in which one turning joint's zero is somewhere else, its sign as it is or turned."""
     robot, count = seen.arm.robot, seen.q.shape[1]
     for (i, joint), sign in product(enumerate(robot.moving), (1.0, -1.0)):
@@ -449,7 +449,7 @@ def _header(unit: str, column: str, written: str) -> str:
     return f"write {column}_{HEADERS[unit]} into the header" if unit in HEADERS and not written else ""
 
 
-def _rails(seen: Seen, every: Measurements) -> Iterator[Misreading]:
+def _rails(seen: SeenRows, every: Measurements) -> Iterator[Misreading]:
     """Yield that the arm rides on a rail whose place is in a column of numbers, or on two or three of them."""
     numbers = {name: values for name, values in every.covariates.items() if not isinstance(values, tuple)}
     before, base = seen.placed(seen.q), seen.cost(seen.placed(seen.q).left)

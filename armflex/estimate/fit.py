@@ -260,7 +260,7 @@ class Fit:
 
 
 @dataclass(frozen=True, eq=False)
-class Weighed:
+class WeighedReadings:
     """Readings with (G,) factors on the stated standard deviations of every instrument, 1 or more; none is 1 of all.
 
     Each is weighed by its own scatter: one that states too little would else make all others count less.
@@ -276,7 +276,7 @@ class Weighed:
             return self.stated
         return replace(self.stated, readings=self.stated.readings.scaled(*self.factors))
 
-    def again(self, fitted: Fit) -> Weighed:
+    def again(self, fitted: Fit) -> WeighedReadings:
         """Return the readings weighed by how they scatter about a fit to these."""
         factors = []
         for before, (noise, freedom) in zip(self.factors or (1.0,) * len(fitted.noises), fitted.noises, strict=True):
@@ -284,7 +284,7 @@ class Weighed:
             factors.append(1.0 if by_chance(scatter, freedom) else max(float(scatter), 1.0))
         return replace(self, factors=tuple(factors) if max(factors, default=1.0) > 1.0 else ())
 
-    def close_to(self, other: Weighed) -> bool:
+    def close_to(self, other: WeighedReadings) -> bool:
         """Return whether nothing is gained by one after the other."""
         pairs = zip_longest(self.factors, other.factors, fillvalue=1.0)
         return all(abs(np.log(factor / before)) <= EVEN for factor, before in pairs)

@@ -15,7 +15,7 @@ from armflex.estimate.outliers import DOUBTED
 from armflex.estimate.robust import EVEN, huber_weights, outlier_limit, robust_limit
 from armflex.estimate.view import View, foremost_rms
 from armflex.linear_gaussian import LinearGaussian, depend_on, most_probable, squared
-from armflex.parameters import OF_SESSION, Group, ParameterKind
+from armflex.parameters import OF_SESSION, ParameterGroup, ParameterKind
 from armflex.readings import Position
 from armflex.result import record
 from armflex.rows.rows import STILL, numbered
@@ -107,7 +107,7 @@ def frames_of(fit: Fit, name: str) -> np.ndarray:
     """
     campaigns = fit.setup.instrument.campaigns
 
-    def own(group: Group) -> bool:
+    def own(group: ParameterGroup) -> bool:
         of = group.of or ""
         if group.kind in OF_SESSION:
             return of == name or (name in campaigns and of.startswith(f"{name}/"))

@@ -16,7 +16,7 @@ from armflex.arm import Arm, Setup
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import ConvergenceError, Flag
 from armflex.estimate.block import Block, LawBlock, learned_laws, with_laws
-from armflex.estimate.fit import ROUGH, THOROUGH, Fit, Weighed, fit
+from armflex.estimate.fit import ROUGH, THOROUGH, Fit, WeighedReadings, fit
 from armflex.estimate.identify import UNDETERMINED
 from armflex.estimate.robust import EVEN, TAILS, outlier_limit
 from armflex.estimate.sample import LawSamples
@@ -30,7 +30,7 @@ def fit_learning(
     declared: Setup,
     blocks: Sequence[Block],
     laws: LawBlock,
-    weighed: Weighed,
+    weighed: WeighedReadings,
     rows: np.ndarray,
     by_scatter: bool,
     progress: Progress | None = None,

@@ -275,7 +275,7 @@ def _settled(
 
 
 @dataclass(frozen=True)
-class Named:
+class RankedMisreading:
     """A convention in which a campaign is plausible: how much the likelier, and how far off it then is, as said."""
 
     hypothesis: Misreading
@@ -376,14 +376,14 @@ def _read(kind: Kind) -> Kind:
     return replace(kind, sigma=np.where(kind.read, kind.sigma, np.inf)) if isinstance(kind, Position) else kind
 
 
-def _named(case: Case, fitted: Misfit | None, searched: bool) -> list[Named]:
+def _named(case: Case, fitted: Misfit | None, searched: bool) -> list[RankedMisreading]:
     """Return the hypotheses whose odds against the campaign as written are beyond `NAMED`, the likeliest first."""
     tried = list(_candidates(case, fitted))
     if fitted is not None and not fitted.free and not case.keep and not searched:
         more = "there is nothing to fit: give it joint_offset, compliance, tool or geometry, a standard deviation each"
         prior = replace(USUAL_PRIOR, session_target=case.arm.prior.session_target)
         tried.append((Misreading("[prior] frees nothing", more, arm=replace(case.arm, prior=prior)), None))
-    named, meant = dict[str, Named](), dict[str, tuple[Misreading, np.ndarray | None]]()
+    named, meant = dict[str, RankedMisreading](), dict[str, tuple[Misreading, np.ndarray | None]]()
 
     def judged(
         hypothesis: Misreading, of_rows: np.ndarray | None, looked_at: np.ndarray | None = None
@@ -416,7 +416,7 @@ def _named(case: Case, fitted: Misfit | None, searched: bool) -> list[Named]:
         if hypothesis.whole and fitted is not None and then.off(then.left) > np.sqrt(DOUBT) * fitted.off(fitted.left):
             continue
         if (fitted is None or gain > NAMED) and (name not in named or named[name].gain < gain):
-            named[name] = Named(hypothesis, name, gain, then.said(hypothesis.of))
+            named[name] = RankedMisreading(hypothesis, name, gain, then.said(hypothesis.of))
             meant[name] = hypothesis, of_rows
     ranked = sorted(named.values(), key=lambda candidate: -candidate.gain)
     likeliest = [candidate for candidate in ranked if candidate.gain > ranked[0].gain + np.log(DOUBT)][:FEW]

@@ -19,7 +19,7 @@ from armflex.laws.effects.location import Location
 from armflex.laws.effects.shapes import twists
 from armflex.laws.terms import Factor, Of, table
 from armflex.linear_gaussian import LinearGaussian
-from armflex.parameters import ArmParameter, Group, ParameterKind
+from armflex.parameters import ArmParameter, ParameterGroup, ParameterKind
 from armflex.rows.rows import POSE, ROW
 
 RANDOM = "unexplained"
@@ -46,7 +46,7 @@ class PoseBlock(Block):
     @cached_property
     def parameters(self) -> tuple[ArmParameter, ...]:
         """One per pose."""
-        group = Group(ParameterKind.UNEXPLAINED, f"{self.site} {self.axis}")
+        group = ParameterGroup(ParameterKind.UNEXPLAINED, f"{self.site} {self.axis}")
         unit = "m" if self.axis.startswith("d") else "rad"
         return tuple(ArmParameter(group, f"pose {i}", unit) for i in range(int(self.groups.max()) + 1))
 
@@ -99,7 +99,7 @@ class Walk(Block):
         """One per term."""
         of = " ".join(part for part in (self.site, self.axis, "in time", self.session) if part)
         unit = "m" if self.axis.startswith("d") else "rad"
-        group = Group(ParameterKind.UNEXPLAINED, of)
+        group = ParameterGroup(ParameterKind.UNEXPLAINED, of)
         return tuple(ArmParameter(group, f"term {i}", unit) for i in range(self.waves.shape[1]))
 
     @property

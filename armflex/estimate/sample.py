@@ -65,7 +65,7 @@ def sample_laws(
         InputError: Nothing was learned, or there are too few draws to judge.
         UnsupportedError: The sampler is not installed (`pip install armflex[bayes]`).
     """
-    from armflex.sampling.nuts import Walk, no_u_turn  # loads the optional sampler
+    from armflex.sampling.nuts import SampledChain, no_u_turn  # loads the optional sampler
 
     if draws < FEWEST_DRAWS:
         raise InputError(f"{draws} draws: expected {FEWEST_DRAWS} or more of each chain, or they cannot be judged")
@@ -107,7 +107,7 @@ def sample_laws(
         value = -0.5 * float(residual @ residual) - 0.5 * float(pull @ values)
         return value, directions.T @ (regressors.T @ residual / noise - pull)
 
-    walks: list[Walk] = []
+    walks: list[SampledChain] = []
     for sequence in np.random.SeedSequence(seed).spawn(chains):
         walks.append(no_u_turn(density, np.zeros(determined.sum()), np.eye(determined.sum()), draws, draws, sequence))
         if progress:

@@ -42,7 +42,7 @@ class Front(NamedTuple):
     below: Array
 
 
-class Factor:
+class CholeskyFactor:
     """The factor of a symmetric positive definite matrix.
 
     Args:

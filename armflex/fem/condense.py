@@ -12,7 +12,7 @@ from scipy.sparse import linalg
 
 from armflex.conventions import Array
 from armflex.errors import Flag, OutOfMemoryError
-from armflex.fem.cholesky import Factor
+from armflex.fem.cholesky import CholeskyFactor
 from armflex.fem.matrices import MODAL, Matrices, of_mesh
 from armflex.fem.mesh import FACES, Mesh, corners_of, interfaces_of
 from armflex.fem.part import Part
@@ -71,7 +71,7 @@ def condense(
     places = np.full((stiffness.shape[0], 3), np.nan)
     places[: len(nodes)] = np.where(nodes[:, None] == MODAL, np.nan, mesh.points[nodes])
     try:
-        solver = Factor(stiffness, places, lambda done, total: said("factorising the stiffness", done, total))
+        solver = CholeskyFactor(stiffness, places, lambda done, total: said("factorising the stiffness", done, total))
     except np.linalg.LinAlgError:
         raise mesh.fail("is free to move: its stiffness is singular") from None
     except MemoryError:

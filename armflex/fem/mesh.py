@@ -91,7 +91,7 @@ class Material:
 
 
 @dataclass(frozen=True)
-class Block:
+class ElementBlock:
     """Elements of one type and one material.
 
     Attributes:
@@ -132,7 +132,7 @@ class Mesh:
     points: Array
     ids: np.ndarray
     lines: np.ndarray
-    blocks: tuple[Block, ...]
+    blocks: tuple[ElementBlock, ...]
     sets: Mapping[str, np.ndarray]
     flags: tuple[Flag, ...] = ()
     beyond: tuple[tuple[str, int], ...] = ()
@@ -290,7 +290,7 @@ class Draft:
             ids, nodes, lines = (np.array(column) for column in zip(*several, strict=True))
             constants = self.materials.get(name, {})
             material = Material(**constants) if {"young", "poisson"} <= constants.keys() else None
-            blocks.append(Block(kind, ids, nodes, lines, material, name))
+            blocks.append(ElementBlock(kind, ids, nodes, lines, material, name))
         sets = {name: {node for key in keys for node in self.elements[key][2]} for name, keys in self.groups.items()}
         numbers, places, lines = zip(*self.nodes.values(), strict=True) if rows else ((), np.zeros((0, 3)), ())
         return Mesh(

@@ -93,7 +93,7 @@ def _sections(draft: Draft) -> dict[str, list[Row]]:
     return sections
 
 
-class _Rows:
+class _MeshLines:
     """The rows of a section, of which counts in it say how many there are."""
 
     def __init__(self, draft: Draft, rows: list[Row]) -> None:
@@ -142,7 +142,7 @@ def _read_text(draft: Draft, version: str) -> None:
             draft.fail(f"has no ${name}: is the file whole?")
     names: dict[tuple[int, int], str] = {}
     if "PhysicalNames" in sections:
-        rows = _Rows(draft, sections["PhysicalNames"])
+        rows = _MeshLines(draft, sections["PhysicalNames"])
         (stated, *_) = rows.whole("numbers", 1)
         for line, text in rows.take(stated, "names"):
             if (match := re.fullmatch(r'(\d)\s+(\d+)\s+"(.*)"', text)) is None:
@@ -150,7 +150,7 @@ def _read_text(draft: Draft, version: str) -> None:
             names[int(match[1]), int(match[2])] = match[3]
         rows.end(stated, stated, "names")
     groups = _entities(draft, sections["Entities"]) if apart and "Entities" in sections else None
-    rows = _Rows(draft, sections["Nodes"])
+    rows = _MeshLines(draft, sections["Nodes"])
     for begun, _, _, parametric, count in rows.blocks("nodes", apart):
         if parametric:
             draft.fail(f"parametric nodes are not read: in gmsh {OPTIONS['ParametricNodes']}", begun)
@@ -161,7 +161,7 @@ def _read_text(draft: Draft, version: str) -> None:
                 draft.fail(f"expected a node's number and three coordinates, got {' '.join(cells)[:60]!r}", line)
             (key,) = draft.whole(line, cells[:1], 1)
             draft.node(key, key, draft.numbers(line, cells[1:], 3), line)
-    rows = _Rows(draft, sections["Elements"])
+    rows = _MeshLines(draft, sections["Elements"])
     stood: dict[tuple[int, ...], tuple[int, set[int]]] = {}
     for begun, dimension, entity, kind, count in rows.blocks("elements", apart):
         tags = [] if groups is None else groups.get((dimension, entity))
@@ -191,7 +191,7 @@ def _read_text(draft: Draft, version: str) -> None:
 
 def _entities(draft: Draft, section: list[Row]) -> dict[tuple[int, int], list[int]]:
     """Return the physical tags of every entity, by its dimension and tag."""
-    rows, physical = _Rows(draft, section), {}
+    rows, physical = _MeshLines(draft, section), {}
     counts = rows.whole("numbers", 4)[:4]
     for dimension, count in enumerate(counts):
         box = 3 if dimension == 0 else 6

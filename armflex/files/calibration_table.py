@@ -31,7 +31,7 @@ from armflex.parameters import (
     TARGET,
     ArmParameter,
     Certainty,
-    Group,
+    ParameterGroup,
     ParameterKind,
     beyond_priors,
     of_compliance,
@@ -290,7 +290,7 @@ def doubts(table: Declaration, arm: Arm) -> Iterator[Flag]:
 
 def _displaced(parameters: Sequence[ArmParameter], offsets: Sequence[ArmParameter]) -> ArmParameter | None:
     """Return the first parameter that is apart from its group, or before others that a fit has before it."""
-    met: set[Group] = set()
+    met: set[ParameterGroup] = set()
     for before, parameter in pairwise(parameters):
         met.add(before.group)
         for order in (offsets, of_motions(parameter.group.kind, [parameter.group.of])):

@@ -25,7 +25,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import ArmflexError, Place, TableError, UnsupportedError, listing
-from armflex.intake.sources import Source, recorded
+from armflex.intake.sources import SourceTable, recorded
 from armflex.intake.streams import aligned, contradiction, spread
 
 BAGS = (".bag", ".active", ".db3", ".mcap")
@@ -52,7 +52,7 @@ class _Cut(Exception):
     """A file ends within a message: its recording was not closed."""
 
 
-def read_bag(path: Path) -> list[Source]:
+def read_bag(path: Path) -> list[SourceTable]:
     """Return joint states, and the positions of every topic and frame, of a ROS 1 bag, a rosbag2 or an MCAP file.
 
     Joints that a topic has in messages of their own are joined over time. Stamps are those of the headers; of receipt
@@ -113,7 +113,7 @@ def read_bag(path: Path) -> list[Source]:
 
 def _of_joints(
     path: Path, joints: Mapping[str, Mapping[str, list[tuple[float, float, float]]]], notes: tuple[str, ...]
-) -> list[Source]:
+) -> list[SourceTable]:
     """Return each topic's joints (stamp, receipt and position of each by name) on all its times."""
     arrays = {(topic, name): np.array(rows) for topic, by_name in joints.items() for name, rows in by_name.items()}
     delays = [float(np.median(rows[:, 1] - rows[:, 0])) for rows in arrays.values()]
@@ -138,7 +138,7 @@ def _of_joints(
     return sources
 
 
-def together(sources: list[Source]) -> Source:
+def together(sources: list[SourceTable]) -> SourceTable:
     """Return several topics' joints as one recording; their columns but for the time have different names."""
     series = dict[str, tuple[Array, Array]]()
     for source in sources:

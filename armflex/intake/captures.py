@@ -23,7 +23,7 @@ from armflex.conventions import NUMBER, Array
 from armflex.errors import Place, TableError, UnsupportedError, listing, shown
 from armflex.intake.lost import lost
 from armflex.intake.meanings import meanings
-from armflex.intake.sources import NO_READING, Source
+from armflex.intake.sources import NO_READING, SourceTable
 from armflex.measured.points import LENGTHS
 from armflex.measured.table import text_lines
 
@@ -32,7 +32,7 @@ TURN = ("qx", "qy", "qz", "qw")
 
 def _body(
     path: Path, part: str, lines: Sequence[int], time: Array | None, place: Array, unit: str, turn: Array | None = None
-) -> list[Source]:
+) -> list[SourceTable]:
     """Return a body or a marker, none where it was lost in every frame.
 
     Args:
@@ -49,7 +49,7 @@ def _body(
     columns = {"time": time} if time is not None else {}
     columns |= dict(zip([f"{axis}_{unit}" if unit else axis for axis in "xyz"], place.T, strict=True))
     columns |= dict(zip(TURN, turn.T, strict=True)) if turn is not None else {}
-    return [Source(path, tuple(columns), tuple(lines), tuple(columns.values()), part=part)]
+    return [SourceTable(path, tuple(columns), tuple(lines), tuple(columns.values()), part=part)]
 
 
 def _values(path: Path, lines: Sequence[int], rows: Sequence[Sequence[str]], at: Sequence[int]) -> Array:
@@ -88,7 +88,7 @@ def _whole(path: Path, frames: int, stated: str) -> None:
         raise TableError(Place(path), text)
 
 
-def read_motive(path: Path) -> list[Source]:
+def read_motive(path: Path) -> list[SourceTable]:
     """Return every rigid body and marker of a Motive export (1.20 .. 1.24): its header says the length unit.
 
     Source: OptiTrack's documentation, "Data Export: CSV".
@@ -112,7 +112,7 @@ def read_motive(path: Path) -> list[Source]:
     if short := next((i for i in lines if len(rows[i - 1]) != width), None):
         raise TableError(Place(path, short), f"has another number of cells than the {width} of the header")
     _whole(path, len(body), head.get("Total Exported Frames", ""))
-    time, sources = _values(path, lines, body, [1])[:, 0], list[Source]()
+    time, sources = _values(path, lines, body, [1])[:, 0], list[SourceTable]()
     above, axes = rows[last - 1] + [""] * width, [cell.upper() for cell in rows[last]]
     for i in range(2, width - 2):
         if above[i : i + 3] != ["Position"] * 3 or axes[i : i + 3] != [*"XYZ"]:
@@ -128,7 +128,7 @@ def read_motive(path: Path) -> list[Source]:
     return sources
 
 
-def read_vicon(path: Path) -> list[Source]:
+def read_vicon(path: Path) -> list[SourceTable]:
     """Return every object, segment and marker of a CSV of Vicon's Nexus, Tracker or Shogun.
 
     A section has its kind, its rate [Hz], the names, the columns and the units in a line each, then the frames up to an
@@ -137,7 +137,7 @@ def read_vicon(path: Path) -> list[Source]:
     Raises:
         TableError: A section is spoilt, or none has a place.
     """
-    rows, sources, i = _rows(path), list[Source](), 0
+    rows, sources, i = _rows(path), list[SourceTable](), 0
     while i < len(rows):
         if not any(rows[i]):
             i += 1
@@ -171,7 +171,7 @@ def read_vicon(path: Path) -> list[Source]:
     return sources
 
 
-def read_qualisys(path: Path) -> list[Source]:
+def read_qualisys(path: Path) -> list[SourceTable]:
     """Return every marker (3D) or body (6D) of a TSV of Qualisys' QTM, whose lengths are in mm.
 
     Source: Qualisys Track Manager User Manual, "TSV file formats".
@@ -203,7 +203,7 @@ def read_qualisys(path: Path) -> list[Source]:
     if clock is None and not (NUMBER.fullmatch(rate) and float(rate) > 0.0):
         raise TableError(Place(path), "states no FREQUENCY and has no column Time: export it with its header")
     time = np.arange(len(body)) / float(rate) if clock is None else _values(path, lines, body, [clock])[:, 0]
-    sources = list[Source]()
+    sources = list[SourceTable]()
     for name, at in zip(names, places, strict=True):
         sources += _body(path, name, lines, time, _values(path, lines, body, range(at, at + 3)), "mm")
     if not sources:
@@ -211,7 +211,7 @@ def read_qualisys(path: Path) -> list[Source]:
     return sources
 
 
-def read_ndi(path: Path) -> list[Source]:
+def read_ndi(path: Path) -> list[SourceTable]:
     """Return every tool of a CSV of NDI's ToolBox or of its Combined API's sample program, whose lengths are in mm.
 
     A tool that is not OK has no reading, whatever its numbers are.
@@ -221,7 +221,7 @@ def read_ndi(path: Path) -> list[Source]:
     """
     rows = _rows(path)
     head, lines = rows[0], [i for i, row in enumerate(rows[1:], 2) if any(row)]
-    body, sources = [rows[i - 1] for i in lines], list[Source]()
+    body, sources = [rows[i - 1] for i in lines], list[SourceTable]()
     starts = [i for i, name in enumerate(head) if name.startswith("Port ")] or [0]
     for start, end in zip(starts, [*starts[1:], len(head)], strict=True):
         words = [name.lower() for name in head[start:end]]
@@ -272,7 +272,7 @@ NO_PLACE = re.compile(
 )
 
 
-def markers(source: Source) -> list[Source]:
+def markers(source: SourceTable) -> list[SourceTable]:
     """Return a table whose columns are places of several things (`m1 X, m1 Y, m1 Z, m2 X ..`) as a part for each.
 
     Other tables are returned as they are.
@@ -326,7 +326,7 @@ numpy.savez(sys.stdout.buffer, points=points, labels=numpy.array(labels, dtype=s
 """Run in a process of its own: a damaged file ends it."""
 
 
-def read_c3d(path: Path) -> list[Source]:
+def read_c3d(path: Path) -> list[SourceTable]:
     """Return every point of a C3D file that was read; its parameters say unit and rate (c3d.org, POINT group).
 
     Raises:
@@ -356,7 +356,7 @@ def read_c3d(path: Path) -> list[Source]:
     if (there := min(frames, max(path.stat().st_size - start, 0) // max(per, 1))) < stated:
         text = f"ends after {there} of its {stated} frames: it was cut, copy or export it again"
         raise TableError(Place(path), text)
-    sources, times = list[Source](), (first + np.arange(frames)) / rate
+    sources, times = list[SourceTable](), (first + np.arange(frames)) / rate
     names = labels + [f"point {i}" for i in range(len(labels) + 1, points.shape[1] + 1)]
     for name, place in zip(names, points.transpose(1, 2, 0), strict=False):
         sources += _body(path, name, range(1, frames + 1), times, place, unit)

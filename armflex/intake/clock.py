@@ -11,7 +11,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.intake.meanings import BY_SIZE, TIME_UNITS, Meaning
-from armflex.intake.sources import Source, numbers
+from armflex.intake.sources import SourceTable, numbers
 from armflex.intake.streams import DENSE, is_sampled, spread
 
 CLOCK = re.compile(
@@ -24,7 +24,7 @@ COUNTED = ("ms", "us", "ns")
 """Units that a clock may count without saying so, each where the next larger one would be beyond `DENSE`."""
 
 
-def times(source: Source, meant: Sequence[Meaning]) -> Array | None:
+def times(source: SourceTable, meant: Sequence[Meaning]) -> Array | None:
     """Return times [s]: numbers, stamps, or a clock's with the day beside it; None where none can be read."""
     of_name = {
         meaning.name: (meaning, cells)
@@ -50,7 +50,7 @@ def times(source: Source, meant: Sequence[Meaning]) -> Array | None:
     return seconds
 
 
-def counted(source: Source, meant: Sequence[Meaning], moved: Array, unit: str) -> tuple[Meaning, ...]:
+def counted(source: SourceTable, meant: Sequence[Meaning], moved: Array, unit: str) -> tuple[Meaning, ...]:
     """Return what a file's columns are, with the unit in which its clock counts where that is stated nowhere.
 
     Steps of 20 are 20 s between poses, or 20 ms between samples of a motion: in the latter the arm stands for many

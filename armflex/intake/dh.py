@@ -12,7 +12,7 @@ import numpy as np
 from armflex.conventions import UNITS, Array
 from armflex.errors import ManyErrors, Place, TableError
 from armflex.intake.meanings import BRACKETS, Ask
-from armflex.intake.sources import Source
+from armflex.intake.sources import SourceTable
 from armflex.measured.points import LENGTHS
 
 PARAMETERS = {
@@ -101,13 +101,13 @@ class DhTable:
         return lines
 
 
-def is_dh(source: Source) -> bool:
+def is_dh(source: SourceTable) -> bool:
     """Return whether a table has a, alpha and d or theta among its columns."""
     columns = set(_columns(source))
     return {"a", "alpha"} <= columns and bool(columns & {"d", "theta"})
 
 
-def read_dh(source: Source, form: str | None, ask: Ask | None, unused: Collection[str] = ()) -> DhTable:
+def read_dh(source: SourceTable, form: str | None, ask: Ask | None, unused: Collection[str] = ()) -> DhTable:
     """Return the rows of a table of DH parameters.
 
     Args:
@@ -253,7 +253,7 @@ def _bare(header: str) -> tuple[str, str]:
     return text.strip().lower(), unit.lower()
 
 
-def _columns(source: Source) -> dict[str, tuple[int, str]]:
+def _columns(source: SourceTable) -> dict[str, tuple[int, str]]:
     """Return where each parameter's column is, and its unit."""
     columns: dict[str, tuple[int, str]] = {}
     for i, header in enumerate(source.header):

@@ -37,7 +37,7 @@ from armflex.intake.names import is_resorted, paired_names
 from armflex.intake.picture_files import camera
 from armflex.intake.pointing import Run, instrument_text, is_pointing, meanings_of, mount_text, read_pointing
 from armflex.intake.recordings import read_sources
-from armflex.intake.sources import NO_READING, Cells, Source, numbers, said
+from armflex.intake.sources import NO_READING, Cells, SourceTable, numbers, said
 from armflex.intake.streams import STANDS, STEP, between, dwells, is_dense, is_sampled, offset, paired, reduced, spread
 from armflex.measured.points import LENGTHS
 from armflex.measured.table import Column, Table, csv_text
@@ -154,7 +154,7 @@ def intake(
     """
     if runs := [Path(path) for path in paths if is_pointing(Path(path))]:
         return _pointing([Path(path) for path in paths], runs, taken or {}, sigma)
-    sources, asked_for, wrong = list[Source](), dict(taken or {}), list[str]()
+    sources, asked_for, wrong = list[SourceTable](), dict(taken or {}), list[str]()
     robot = None
     robots = [Path(path) for path in paths if Path(path).suffix.lower() in ROBOTS]
     for path in paths:
@@ -294,7 +294,7 @@ def _is_kept(meaning: Meaning) -> bool:
     return meaning.why == "as asked" or bool(CIRCUMSTANCE.fullmatch(meaning.name))
 
 
-def _by_dh(joined: Intake, source: Source, arm: DhTable, tracked: bool) -> Intake:
+def _by_dh(joined: Intake, source: SourceTable, arm: DhTable, tracked: bool) -> Intake:
     """Return a campaign with the arm file of a table of DH parameters, whose rows are the log's joints.
 
     Raises:
@@ -322,7 +322,7 @@ def _by_dh(joined: Intake, source: Source, arm: DhTable, tracked: bool) -> Intak
 
 
 def _named_alike(
-    sources: Sequence[Source], understood: Sequence[tuple[Meaning, ...]], log: int, exports: Sequence[int]
+    sources: Sequence[SourceTable], understood: Sequence[tuple[Meaning, ...]], log: int, exports: Sequence[int]
 ) -> tuple[Meaning, ...]:
     """Return what a log's columns are, one without a meaning among them its names where most are those of points."""
     meant, source = understood[log], sources[log]
@@ -381,7 +381,7 @@ def _as_robot(of_log: tuple[Meaning, ...], robot: Robot) -> tuple[tuple[Meaning,
 
 
 def _chosen(
-    sources: Sequence[Source], points: Sequence[int], targets: Sequence[str], ask: Ask | None
+    sources: Sequence[SourceTable], points: Sequence[int], targets: Sequence[str], ask: Ask | None
 ) -> tuple[list[int], list[str]]:
     """Return which sources with places count: all files, and of the parts of a recording those that are targets."""
     parts = {sources[i].part: i for i in points if sources[i].part}
@@ -400,11 +400,11 @@ def _chosen(
 
 
 def _one_log(
-    sources: Sequence[Source],
+    sources: Sequence[SourceTable],
     understood: Sequence[tuple[Meaning, ...]],
     topics: Sequence[str],
     ask: Ask | None,
-) -> tuple[list[Source], list[tuple[Meaning, ...]], list[str]]:
+) -> tuple[list[SourceTable], list[tuple[Meaning, ...]], list[str]]:
     """Return sources, what their columns are, and what is wrong, with the joints of a recording's topics as one log.
 
     Joints with different names are joined over time; where two topics have the same joint, one of them is chosen.
@@ -444,13 +444,13 @@ def _one_log(
     return [sources[i] for i in kept], [understood[i] for i in kept], []
 
 
-def _moved(source: Source, meant: Sequence[Meaning]) -> tuple[Array, str]:
+def _moved(source: SourceTable, meant: Sequence[Meaning]) -> tuple[Array, str]:
     """Return (N, d) joint positions [rad] of a log, else (N, 3) places [m], and that unit."""
     kind, unit = ("joint", "rad") if any(meaning.kind == "joint" for meaning in meant) else ("coordinate", "m")
     return np.column_stack([*_numbers(source, meant, (kind,)).values()]), unit
 
 
-def _filled(source: Source, meant: Sequence[Meaning]) -> Source:
+def _filled(source: SourceTable, meant: Sequence[Meaning]) -> SourceTable:
     """Return a log with the joints that are empty in rows of other topics' messages there, see `between`."""
     values = {i: numbers(source.columns[i]) for i, meaning in enumerate(meant) if meaning.kind == "joint"}
     gaps = {i: read for i, cells in values.items() if (read := np.isfinite(cells)).any() and not read.all()}
@@ -463,8 +463,8 @@ def _filled(source: Source, meant: Sequence[Meaning]) -> Source:
 
 
 def _standing(
-    sources: list[Source], understood: list[tuple[Meaning, ...]], log: int, exports: Sequence[int]
-) -> tuple[list[Source], list[str]]:
+    sources: list[SourceTable], understood: list[tuple[Meaning, ...]], log: int, exports: Sequence[int]
+) -> tuple[list[SourceTable], list[str]]:
     """Return sources with recordings reduced to where the arm stood, all at once, and what was found of their clocks.
 
     Raises:
@@ -519,7 +519,7 @@ def _step(time: Array) -> str:
 
 
 def _campaign(
-    sources: Sequence[Source],
+    sources: Sequence[SourceTable],
     understood: Sequence[Sequence[Meaning]],
     log_at: int,
     points: Sequence[int],
@@ -625,7 +625,7 @@ def _campaign(
 
 
 def _add_beside(
-    columns: dict[str, Sequence[Any]], source: Source, meant: Sequence[Meaning], row_of: np.ndarray
+    columns: dict[str, Sequence[Any]], source: SourceTable, meant: Sequence[Meaning], row_of: np.ndarray
 ) -> list[str]:
     """Add what an export has beside its readings to a campaign; return what is left out of it, in words.
 
@@ -650,7 +650,7 @@ def _add_beside(
     return [text] if left else []
 
 
-def _clock(source: Source, meant: Sequence[Meaning], seconds: Array) -> list[Any]:
+def _clock(source: SourceTable, meant: Sequence[Meaning], seconds: Array) -> list[Any]:
     """Return times [s] as a campaign has them: dates where the clock has them (ISO 8601), else from the first."""
     if not seconds.min() > SINCE_1970:
         return (seconds - seconds.min()).tolist()
@@ -672,7 +672,7 @@ def _words(meaning: Meaning) -> str:
 
 
 def _settled(
-    source: Source, meant: Sequence[Meaning], ask: Ask | None, slides: Sequence[str]
+    source: SourceTable, meant: Sequence[Meaning], ask: Ask | None, slides: Sequence[str]
 ) -> tuple[tuple[Meaning, ...], list[str]]:
     """Return what columns are with every open unit settled, and what is wrong with them."""
     settled, wrong, answers = [], list[str](), dict[tuple[str, bool], str]()
@@ -727,7 +727,7 @@ def _settled(
     return tuple(settled), wrong
 
 
-def _implausible(source: Source, meaning: Meaning, values: Array) -> list[str]:
+def _implausible(source: SourceTable, meaning: Meaning, values: Array) -> list[str]:
     """Return what is wrong with (N,) numbers of a joint or a coordinate that no arm reaches, by line and column."""
     turns = meaning.kind == "joint" and meaning.unit in UNITS["angle"]
     size = np.abs(values) * (LENGTHS | UNITS["angle"] if meaning.kind == "joint" else LENGTHS)[meaning.unit or ""]
@@ -744,7 +744,7 @@ def _implausible(source: Source, meaning: Meaning, values: Array) -> list[str]:
     ]
 
 
-def _numbers(source: Source, meant: Sequence[Meaning], kinds: tuple[str, ...]) -> dict[str, Array]:
+def _numbers(source: SourceTable, meant: Sequence[Meaning], kinds: tuple[str, ...]) -> dict[str, Array]:
     """Return (N,) numbers of joints or coordinates in SI, by name; nan where a cell is empty."""
     factors = LENGTHS | UNITS["angle"]
 
@@ -758,7 +758,7 @@ def _numbers(source: Source, meant: Sequence[Meaning], kinds: tuple[str, ...]) -
     }
 
 
-def _turns(source: Source, meant: Sequence[Meaning]) -> Array | None:
+def _turns(source: SourceTable, meant: Sequence[Meaning]) -> Array | None:
     """Return (N, 4) quaternions x y z w of a target, not a number where none was read; None where it has none."""
     parts = {
         meaning.name: numbers(cells) * UNITS["angle"].get(meaning.unit or "", 1.0)
@@ -785,7 +785,7 @@ def _turns(source: Source, meant: Sequence[Meaning]) -> Array | None:
     return None
 
 
-def _one_sided(source: Source, meant: tuple[Meaning, ...]) -> tuple[Source, tuple[Meaning, ...]]:
+def _one_sided(source: SourceTable, meant: tuple[Meaning, ...]) -> tuple[SourceTable, tuple[Meaning, ...]]:
     """Return a recording with its orientation as quaternions on one side, so that means of them exist."""
     four = _turns(source, meant)
     if four is None or not (read := np.isfinite(four).all(axis=1)).any():
@@ -800,7 +800,7 @@ def _one_sided(source: Source, meant: tuple[Meaning, ...]) -> tuple[Source, tupl
     return replace(source, header=header, columns=columns), (*(meant[i] for i in kept), *turns)
 
 
-def _unturned(sources: Sequence[Source], understood: Sequence[Sequence[Meaning]]) -> list[str]:
+def _unturned(sources: Sequence[SourceTable], understood: Sequence[Sequence[Meaning]]) -> list[str]:
     """Return why no file has the orientation that --sigma-r is of, nothing where one has it."""
     turns = [{meaning.name for meaning in meant if meaning.kind == "turn"} for meant in understood]
     whole = ({"qw", "qx", "qy", "qz"}, {*VECTOR}, {*ANGLES})
@@ -818,13 +818,13 @@ def _unturned(sources: Sequence[Source], understood: Sequence[Sequence[Meaning]]
     return wrong
 
 
-def _cells(source: Source, meant: Sequence[Meaning], kind: str) -> Cells | None:
+def _cells(source: SourceTable, meant: Sequence[Meaning], kind: str) -> Cells | None:
     every = dict(zip(source.header, source.columns, strict=True))
     return next((every[meaning.column] for meaning in meant if meaning.kind == kind and meaning.name != "date"), None)
 
 
 def _joined(
-    log: Source, of_log: Sequence[Meaning], names: list[str], export: Source, of_export: Sequence[Meaning]
+    log: SourceTable, of_log: Sequence[Meaning], names: list[str], export: SourceTable, of_export: Sequence[Meaning]
 ) -> tuple[dict[str, np.ndarray], list[str], str, list[str]]:
     """Return by target the (N,) row of the export for each of the log, -1 for none; names of rows, how, and notes.
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from armflex.conventions import NUMBER, Array
 from armflex.errors import Place, TableError
-from armflex.intake.sources import NO_READING, Cells, Source, numbers
+from armflex.intake.sources import NO_READING, Cells, SourceTable, numbers
 
 if TYPE_CHECKING:
     from armflex.intake.meanings import Meaning
@@ -47,7 +47,7 @@ def lost(places: Array) -> np.ndarray:
     return gone
 
 
-def without_lost(source: Source, meant: Sequence[Meaning]) -> Source:
+def without_lost(source: SourceTable, meant: Sequence[Meaning]) -> SourceTable:
     """Return a file whose coordinates and orientations are empty where its target was lost; a note says how often.
 
     Args:

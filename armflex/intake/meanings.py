@@ -10,7 +10,7 @@ import numpy as np
 
 from armflex.conventions import UNITS
 from armflex.intake.lost import lost
-from armflex.intake.sources import Cells, Source, numbers
+from armflex.intake.sources import Cells, SourceTable, numbers
 from armflex.measured.points import LENGTHS
 
 Ask = Callable[[str, Sequence[str]], str]
@@ -119,7 +119,7 @@ class Meaning:
 
 
 def meanings(
-    source: Source, taken: Mapping[str, str], joints: Sequence[str] = (), slides: Sequence[str] = ()
+    source: SourceTable, taken: Mapping[str, str], joints: Sequence[str] = (), slides: Sequence[str] = ()
 ) -> tuple[Meaning, ...]:
     """Return what every column of a file is.
 
@@ -198,7 +198,7 @@ def meanings(
     return tuple(meant)
 
 
-def _parts_of_time(source: Source) -> dict[str, Meaning]:
+def _parts_of_time(source: SourceTable) -> dict[str, Meaning]:
     """Return what columns are that have whole seconds and the rest of them: the first such pair."""
     matches = {name: match for name in source.header if (match := PART.fullmatch(name.strip()))}
     sizes = {name: TIME_UNITS.get(match["unit"].lower(), 0.0) for name, match in matches.items()}
@@ -274,7 +274,7 @@ def _plain(header: str) -> str:
     return re.sub(r"\W+", "_", header).strip("_") or "column"
 
 
-def _turned(source: Source, meant: Sequence[Meaning]) -> list[Meaning]:
+def _turned(source: SourceTable, meant: Sequence[Meaning]) -> list[Meaning]:
     """Return what columns are where some of them are quaternions: beside x y z, and of length 1."""
     groups: dict[str, dict[str, int]] = {}
     for i, meaning in enumerate(meant):

@@ -14,7 +14,7 @@ from armflex.conventions import parse_quantity
 from armflex.declaration import Declaration
 from armflex.declaration import Source as Text
 from armflex.errors import ArmflexError, InputError, Place, TableError, listing
-from armflex.intake.sources import Source
+from armflex.intake.sources import SourceTable
 from armflex.measured.pictures import CORNER, MOST_BYTES, find_corners
 from armflex.readings.board import DICTIONARY, LENGTHS, Board, read_board
 from armflex.storage.read_file import read_file
@@ -30,7 +30,7 @@ def is_pictures(path: Path) -> bool:
     return path.is_dir() and any(file.suffix.lower() in SUFFIXES for file in path.iterdir())
 
 
-def read_folder(path: Path) -> Source:
+def read_folder(path: Path) -> SourceTable:
     """Return the pictures of a folder in the order of the numbers in their names, and their times."""
     files = [file for file in path.iterdir() if file.suffix.lower() in SUFFIXES]
     files.sort(key=lambda file: [(part.zfill(20), part) for part in re.split(r"(\d+)", file.name)])
@@ -38,16 +38,16 @@ def read_folder(path: Path) -> Source:
     times = [file.stat().st_mtime if None in stamps else stamp for file, stamp in zip(files, stamps, strict=True)]
     names = tuple(file.name for file in files)
     columns = (names, tuple(file.stem for file in files), np.array(times, dtype=float))
-    return Source(path, ("picture", "name", "time"), tuple(range(1, len(files) + 1)), columns)
+    return SourceTable(path, ("picture", "name", "time"), tuple(range(1, len(files) + 1)), columns)
 
 
-def of_corners(source: Source) -> Source:
+def of_corners(source: SourceTable) -> SourceTable:
     """Return a table of corners as the pictures that it has any of, and any other table as it is."""
     if not set(CORNER) <= set(source.header):
         return source
     names = tuple(dict.fromkeys(map(str, source.columns[source.header.index("picture")])))
     stems = tuple(Path(name).stem for name in names)
-    return Source(source.path, ("picture", "name"), tuple(range(1, len(names) + 1)), (names, stems))
+    return SourceTable(source.path, ("picture", "name"), tuple(range(1, len(names) + 1)), (names, stems))
 
 
 def board_of(text: str) -> str:
@@ -73,7 +73,7 @@ def board_of(text: str) -> str:
     return f"board = {{ {', '.join(parts)} }}"
 
 
-def camera(source: Source, board: str, on_arm: bool, name: str, beside: Path) -> tuple[str, list[str], list[str]]:
+def camera(source: SourceTable, board: str, on_arm: bool, name: str, beside: Path) -> tuple[str, list[str], list[str]]:
     """Return the [instrument.NAME] of pictures, "TIP" for the link that it is on; what was found; and what is wrong.
 
     Args:

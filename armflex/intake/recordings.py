@@ -18,7 +18,7 @@ from armflex.errors import Place, TableError
 from armflex.intake.bags import BAGS, read_bag
 from armflex.intake.captures import FORMATS, markers, read_c3d
 from armflex.intake.picture_files import is_pictures, of_corners, read_folder
-from armflex.intake.sources import Source, read_table_source, recorded
+from armflex.intake.sources import SourceTable, read_table_source, recorded
 from armflex.measured.spreadsheet import SUFFIXES
 from armflex.measured.table import text_lines
 from armflex.storage.read_file import check_file, read_file
@@ -27,7 +27,7 @@ MOST_BYTES = 20_000_000_000
 """Of a recording: that of an hour with pictures has less."""
 
 
-def read_sources(path: str | Path) -> list[Source]:
+def read_sources(path: str | Path) -> list[SourceTable]:
     """Read a file as it is: a table, or every part of a recording.
 
     Raises:
@@ -61,7 +61,7 @@ def read_sources(path: str | Path) -> list[Source]:
 CHANNEL = re.compile(r"#BEGINCHANNELHEADER(.*?)#ENDCHANNELHEADER", re.DOTALL)
 
 
-def _trace(path: Path) -> Source:
+def _trace(path: Path) -> SourceTable:
     """Return a trace of a KUKA controller: a DIAdem header (.dat) whose channels lie side by side in a .r64 beside it.
 
     Of each channel, 200 is the name, 202 the unit, 210 IMPLICIT for a time that is only counted, 211 the file, 213

@@ -50,7 +50,7 @@ Cells: TypeAlias = Sequence[str] | Array
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class SourceTable:
     """One file, or a part of one, nothing of it understood yet.
 
     Attributes:
@@ -88,13 +88,13 @@ def numbers(cells: Cells) -> Array:
     return np.array([float(cell) if NUMBER.fullmatch(cell) else np.nan for cell in cells])
 
 
-def recorded(path: Path, part: str, columns: Mapping[str, Array], notes: tuple[str, ...] = ()) -> Source:
+def recorded(path: Path, part: str, columns: Mapping[str, Array], notes: tuple[str, ...] = ()) -> SourceTable:
     """Return a part of a recording, whose rows are counted from 1."""
     size = len(next(iter(columns.values())))
-    return Source(path, tuple(columns), tuple(range(1, size + 1)), tuple(columns.values()), part=part, notes=notes)
+    return SourceTable(path, tuple(columns), tuple(range(1, size + 1)), tuple(columns.values()), part=part, notes=notes)
 
 
-def read_table_source(path: Path) -> Source:
+def read_table_source(path: Path) -> SourceTable:
     """Read a text file (UTF-8, UTF-16, Windows-1252) or a workbook of one sheet.
 
     The separator is the one of semicolon, tab, comma and blanks that parts most lines into the same number of cells. A
@@ -139,7 +139,7 @@ def read_table_source(path: Path) -> Source:
         if len(cells) != width:
             raise TableError(Place(path, line), f"has {len(cells)} cells where most rows have {width}")
     columns = [tuple(column) for column in zip(*(cells for _, cells in body), strict=True)]
-    source = Source(
+    source = SourceTable(
         path,
         tuple(head or _names(columns)),
         tuple(line for line, _ in body),
@@ -172,7 +172,7 @@ def _split(lines: Sequence[tuple[int, str]]) -> tuple[list[tuple[int, list[str]]
     return [(number, cells) for (number, _), cells in zip(lines, best, strict=True)], by
 
 
-def _by_point(source: Source) -> Source:
+def _by_point(source: SourceTable) -> SourceTable:
     """Return a table with a row for each point, where lines have one coordinate each: name, axis, nominal, measured."""
     of_column = [
         [match[1].lower() if (match := AXIS.fullmatch(str(cell))) else "" for cell in cells] for cells in source.columns
@@ -202,7 +202,7 @@ def _by_point(source: Source) -> Source:
     return replace(source, header=head, lines=tuple(line for line, *_ in points), columns=tuple(map(tuple, columns)))
 
 
-def _named_joints(source: Source) -> Source:
+def _named_joints(source: SourceTable) -> SourceTable:
     """Return a table whose columns say which joint they are of where a message of joint states has that in its cells.
 
     Tools for bags write `name_0 .. position_0 ..`, `field.name0 .. field.position0 ..`, or the lists as they are:

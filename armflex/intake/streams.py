@@ -10,7 +10,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import InputError
-from armflex.intake.sources import Cells, Source, numbers
+from armflex.intake.sources import Cells, SourceTable, numbers
 
 DENSE = 0.25
 """Median step [s] up to which rows are samples of a recording, and not one row for each pose."""
@@ -159,7 +159,7 @@ def dwells(time: Array, values: Array, unit: str) -> Array:
     return np.array(spans).reshape(-1, 2)
 
 
-def reduced(source: Source, time: Array, spans: Array, shift: float) -> Source:
+def reduced(source: SourceTable, time: Array, spans: Array, shift: float) -> SourceTable:
     """Return a recording as one row for each span: means of numbers, the first of texts; spans without samples empty.
 
     `shift` is how much its clock is ahead of that of the spans [s].

@@ -22,7 +22,7 @@ from armflex.laws.effects.effect import Effect
 from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import numbers_of
 from armflex.plan.design import Named, Truth, exchanged, greedy
-from armflex.plan.design_model import NOWHERE, Before, CandidateBlock, Model, answers, learning, model_of
+from armflex.plan.design_model import NOWHERE, Before, CandidateBlock, DesignModel, answers, learning, model_of
 from armflex.plan.drive import driving_order
 from armflex.plan.instruments import unlike
 from armflex.plan.offer import Offer, Reach, around, spread_evenly
@@ -92,7 +92,7 @@ class Question:
     reach: Reach
     pairs: tuple[Pair, ...]
     offer: Offer
-    model: Model
+    model: DesignModel
     goal: Named
     open: np.ndarray
 

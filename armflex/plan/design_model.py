@@ -33,7 +33,7 @@ from armflex.laws.effects.effect import Effect
 from armflex.laws.learned import LearnedLaw
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
-from armflex.parameters import FRAMES, ArmParameter, Certainty, Group, ParameterKind, numbers_of
+from armflex.parameters import FRAMES, ArmParameter, Certainty, ParameterGroup, ParameterKind, numbers_of
 from armflex.plan.offer import Offer
 from armflex.readings import Position, Readings, TouchingSensor
 from armflex.readings.instrument import Instrument
@@ -155,7 +155,7 @@ class CandidateBlock(EffectBlock):
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class DesignModel:
     """Parameters in units of their standard deviations `scale`, and what is known of them.
 
     Attributes:
@@ -215,7 +215,7 @@ def answers(blocks: Sequence[Block], view: View) -> Array:
     return whitened_regressors(here, view, np.ones(view.residual.shape)).reshape(*view.residual.shape, -1)
 
 
-def model_of(before: Before, offer: Offer, candidates: Sequence[CandidateBlock]) -> Model:
+def model_of(before: Before, offer: Offer, candidates: Sequence[CandidateBlock]) -> DesignModel:
     """Return the model of what is known before, and of rows like those offered.
 
     Free is what [prior] frees, for the planned session beside the campaign's, learned laws, and the effects of the arm
@@ -252,7 +252,7 @@ def model_of(before: Before, offer: Offer, candidates: Sequence[CandidateBlock])
         information = information.with_rows(
             answers(blocks, measured.view) * scale * (np.sqrt(measured.weights) / noise)[:, :, None]
         )
-    return Model(tuple(blocks), scale, information, scale)
+    return DesignModel(tuple(blocks), scale, information, scale)
 
 
 def _law_blocks(laws: Mapping[str, LearnedLaw]) -> list[Block]:
@@ -274,14 +274,14 @@ def _finite(blocks: Sequence[Block]) -> Array:
     return np.where(np.isfinite(prior), prior, np.where(units == "m", ANYWHERE, ANYHOW))
 
 
-def _stored(setup: Setup, certainty: Certainty, offer: Offer, candidates: Sequence[CandidateBlock]) -> Model:
+def _stored(setup: Setup, certainty: Certainty, offer: Offer, candidates: Sequence[CandidateBlock]) -> DesignModel:
     """Return the model of a calibrated arm: frames anew, because another instrument may come.
 
     A law that is to be learned since is as uncertain as it was declared, whatever was known of its compliance: all
     learned laws, or none.
     """
     arm, laws = setup.arm, learned_laws(setup.arm)
-    new = {name: law for name, law in laws.items() if Group(ParameterKind.LAW, name) not in certainty.groups}
+    new = {name: law for name, law in laws.items() if ParameterGroup(ParameterKind.LAW, name) not in certainty.groups}
     if new and len(new) < len(laws):
         old = listing(laws.keys() - new.keys())
         text = f"{listing(new)} is to be learned, but the arm was calibrated with the learned laws of {old} alone"
@@ -290,7 +290,7 @@ def _stored(setup: Setup, certainty: Certainty, offer: Offer, candidates: Sequen
     if blocks_of(parameters, setup) is None:
         raise InputError(OTHER_PARAMETERS.text)
     anew = {candidate.parameters[0].group for candidate in candidates if candidate.ordinal != NOWHERE}
-    anew |= {Group(ParameterKind.COMPLIANCE, name) for name in new}
+    anew |= {ParameterGroup(ParameterKind.COMPLIANCE, name) for name in new}
     certainty_kept = certainty.part(
         [
             i
@@ -319,4 +319,4 @@ def _stored(setup: Setup, certainty: Certainty, offer: Offer, candidates: Sequen
         else np.full(len(block.parameters), getattr(arm.prior, block.kind, 0.0) or np.inf)
         for block in blocks
     ]
-    return Model(blocks, scale, LinearGaussian(normal), np.concatenate(prior))
+    return DesignModel(blocks, scale, LinearGaussian(normal), np.concatenate(prior))

@@ -88,7 +88,7 @@ def _meant(text: str, names: Collection[str]) -> str | None:
 
 
 @dataclass(frozen=True, eq=False)
-class Hypothesis:
+class EffectInQuestion:
     """An effect in question.
 
     Attributes:
@@ -150,7 +150,7 @@ def refitted(candidate: CandidateBlock, before: Before) -> Fit | None:
     return fit(earlier.declared, (*earlier.blocks, block), measured.campaign, earlier.view.rows, start, effort=ROUGH)
 
 
-def hypothesis_of(candidate: CandidateBlock, fitted: Fit | None, offer: Offer) -> Hypothesis:
+def hypothesis_of(candidate: CandidateBlock, fitted: Fit | None, offer: Offer) -> EffectInQuestion:
     """Return the hypothesis with its size: that of the arm, that of a refit if it is clear, or one that shows.
 
     What shows moves the readings by `SHOWS`, every term as much as the others.
@@ -158,11 +158,11 @@ def hypothesis_of(candidate: CandidateBlock, fitted: Fit | None, offer: Offer) -
     effect, terms = candidate.effect, len(candidate.effect.location.terms)
     inner = np.zeros(len(candidate.labels) - terms)
     if any(effect.amplitudes):
-        return Hypothesis(candidate, np.append(effect.acting, inner), "of the arm")
+        return EffectInQuestion(candidate, np.append(effect.acting, inner), "of the arm")
     if fitted is not None:
         values, std = fitted.values[-terms:], np.sqrt(np.diag(fitted.posterior.covariance))[-terms:]
         if np.linalg.norm(values / std) > CLEAR * np.sqrt(terms):
-            return Hypothesis(candidate, np.append(values, inner), "estimated from what was measured")
+            return EffectInQuestion(candidate, np.append(values, inner), "estimated from what was measured")
     jacobian = answers([candidate], offer.view)[:, :, :terms]
     moved = np.sqrt((jacobian**2).mean(axis=(0, 1)))
     moving = moved > 0.0
@@ -170,4 +170,4 @@ def hypothesis_of(candidate: CandidateBlock, fitted: Fit | None, offer: Offer) -
         raise InputError(f"{effect.title} moves the tip in none of the rows that can be measured")
     shown = np.where(moving, SHOWS / np.where(moving, moved, 1.0), 0.0) / np.sqrt(moving.sum())
     source = f"taken so large that it moves readings by {SHOWS:g} standard deviations"
-    return Hypothesis(candidate, np.append(shown, inner), source)
+    return EffectInQuestion(candidate, np.append(shown, inner), source)

@@ -12,7 +12,7 @@ from armflex.conventions import Array
 from armflex.errors import InputError, did_you_mean, listing
 from armflex.laws.effects.location import BASE
 from armflex.plan.design import Goal
-from armflex.plan.design_model import Model
+from armflex.plan.design_model import DesignModel
 from armflex.readings import SENSOR_KINDS, Acceleration, Distance, Encoder, Inclination, Kind, Position, SlideEncoder
 from armflex.readings.encoder import Shaft
 from armflex.readings.sensor import Sensor
@@ -159,7 +159,7 @@ def _those(arm: Arm, names: Collection[str]) -> list[Sensor]:
 
 
 def choose(
-    wanted: dict[str, tuple[Sensor, ...]], places: dict[str, slice], goal: Goal, model: Model, rows: Array
+    wanted: dict[str, tuple[Sensor, ...]], places: dict[str, slice], goal: Goal, model: DesignModel, rows: Array
 ) -> tuple[Mounted, ...]:
     """Return the best place of each wanted instrument, one after the other, each beside those before it.
 

@@ -20,8 +20,8 @@ from armflex.laws.effects.shapes import IN_THE_BASE, ON_THE_LINK
 from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import FRAMES, ParameterKind, numbered
 from armflex.plan.design import Goal, IOptimal, TOptimal, instead, shows
-from armflex.plan.design_model import CandidateBlock, Model
-from armflex.plan.hypotheses import Hypothesis
+from armflex.plan.design_model import CandidateBlock, DesignModel
+from armflex.plan.hypotheses import EffectInQuestion
 from armflex.plan.instruments import Mounted, declaration, informing_levels
 from armflex.plan.offer import Offer, Reach
 from armflex.result import Result, record
@@ -58,7 +58,7 @@ class Blind:
     instead: str
 
 
-def blind_spots(model: Model, rows: Array, tip: Array, levels: Collection[str]) -> tuple[Blind, ...]:
+def blind_spots(model: DesignModel, rows: Array, tip: Array, levels: Collection[str]) -> tuple[Blind, ...]:
     """Return the parameters that stay as uncertain as [prior] has them though all of (N, d, P) rows were measured.
 
     Only those of the arm: neither where the instrument stands nor what is in question. `tip` is the (N, 3, P) change
@@ -116,13 +116,13 @@ class Plan(Result):
     rows: Rows
     reach: Reach
     goal: Goal
-    model: Model
+    model: DesignModel
     known: LinearGaussian
     worth: Array
     reached: Array
     random: Array
     everything: float
-    hypotheses: tuple[Hypothesis, ...]
+    hypotheses: tuple[EffectInQuestion, ...]
     blind: tuple[Blind, ...]
     offered: Offer
     uncertainty: Mapping[str, Array]

@@ -22,9 +22,9 @@ from armflex.measured.measurements import Measurements, as_measurements
 from armflex.measured.table import Tabular
 from armflex.parameters import OF_SESSION
 from armflex.plan.design import DsOptimal, Goal, IOptimal, TOptimal, Truth, exchanged, greedy, path
-from armflex.plan.design_model import Before, Model, answers, known_before, learning, model_of, noises_of
+from armflex.plan.design_model import Before, DesignModel, answers, known_before, learning, model_of, noises_of
 from armflex.plan.drive import driven
-from armflex.plan.hypotheses import Hypothesis, candidate_of, hypothesis_of, named_effect, refitted, spelled
+from armflex.plan.hypotheses import EffectInQuestion, candidate_of, hypothesis_of, named_effect, refitted, spelled
 from armflex.plan.instruments import TRACKER, Mounted, choose, informing_levels, offered
 from armflex.plan.offer import Offer, Reach, around, rows_at, spread_evenly
 from armflex.plan.planned_rows import DISTINGUISHED, UNKNOWN, Plan, blind_spots
@@ -311,7 +311,7 @@ def _sigma_of(before: Before, sigma: float | None) -> Array:
 
 
 def _goal(
-    before: Before, model: Model, every: Array, hypotheses: Sequence[Hypothesis], along: Trajectory | None
+    before: Before, model: DesignModel, every: Array, hypotheses: Sequence[EffectInQuestion], along: Trajectory | None
 ) -> Goal:
     """Return what is to be made as large as can be, where (N, 3, P) changes of the readings are offered."""
     if hypotheses:
@@ -387,13 +387,13 @@ def _mounted(
     return *having([mount.sensor for mount in mounts]), mounts
 
 
-def _tip_rows(before: Before, model: Model, offer: Offer) -> Array:
+def _tip_rows(before: Before, model: DesignModel, offer: Offer) -> Array:
     """Return (N, 3, P) changes of the tip's position in the offered rows [m] per parameter, in units of its scale."""
     readings = unread(len(offer.rows), Position)
     return answers(model.blocks, look(before.setup, offer.rows, readings=readings, line=offer.view.line)) * model.scale
 
 
-def _uncertainties(model: Model, tip: Array, every: Array, rows: Array, seed: int) -> dict[str, Array]:
+def _uncertainties(model: DesignModel, tip: Array, every: Array, rows: Array, seed: int) -> dict[str, Array]:
     """Return what to draw by its title: (N,) standard deviations of what would be read in 3-D [m].
 
     How the next session moves the instrument is no part of it: that is not of the arm.

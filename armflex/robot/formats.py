@@ -23,7 +23,7 @@ from lxml import etree
 from armflex.conventions import LARGEST
 from armflex.errors import Flag, Place, UrdfError, listing
 from armflex.robot import xacro_process
-from armflex.robot.tree import Tree, rotation_of
+from armflex.robot.tree import FileTree, rotation_of
 from armflex.robot.urdf import (
     MOVING,
     Inertial,
@@ -118,7 +118,7 @@ def _read_mjcf(path: Path, root: etree._Element, declares: bool) -> Urdf:
         for element in root.iter()
         if isinstance(element.tag, str)
     }
-    tree, kinds = Tree(path), mujoco.mjtJoint
+    tree, kinds = FileTree(path), mujoco.mjtJoint
     named = {int(kinds.mjJNT_HINGE): "revolute", int(kinds.mjJNT_SLIDE): "prismatic", int(kinds.mjJNT_BALL): "ball"}
     bodies = [model.body(i).name or f"body{i}" for i in range(model.nbody)]
     joints = [model.joint(i).name or f"joint{i}" for i in range(model.njnt)]

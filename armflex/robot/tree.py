@@ -16,7 +16,7 @@ FREE = (-np.inf, np.inf, np.inf, np.inf)
 """Lower and upper limit, effort and velocity of a joint of which nothing is said."""
 
 
-class Tree:
+class FileTree:
     """The links and joints of a file as they are met."""
 
     def __init__(self, path: Path) -> None:

@@ -19,7 +19,7 @@ Density = Callable[[Array], tuple[float, Array]]
 
 
 @dataclass(frozen=True)
-class Walk:
+class SampledChain:
     """What a chain found after its tuning.
 
     Attributes:
@@ -42,7 +42,7 @@ def no_u_turn(
     seed: np.random.SeedSequence,
     depth: int = 10,
     accept: float = 0.8,
-) -> Walk:
+) -> SampledChain:
     """Return a chain of (d,) points distributed as the density says.
 
     Args:
@@ -84,7 +84,7 @@ def no_u_turn(
     trace = nutpie.sample(model, draws=draws, tune=tune, chains=1, seed=int(rest), **options)
     walked = start + trace.posterior["z"].values[0] @ whiten.T
     stats = trace.sample_stats
-    return Walk(walked, int(stats["diverging"].sum()), float(stats["mean_tree_accept"].mean()))
+    return SampledChain(walked, int(stats["diverging"].sum()), float(stats["mean_tree_accept"].mean()))
 
 
 def _nutpie() -> ModuleType:

@@ -127,11 +127,13 @@ def calm(
     )
     if path.v is not None or path.a is not None:
         raise InputError("the path states v_ or a_ columns, which another timing makes wrong: leave them out")
-    motions, flags, shift, rows = [], dict[str, Flag](), 0.0, [_Rows(path.time[:1], np.zeros(1), path.via[:1])]
+    motions, flags, shift, rows = [], dict[str, Flag](), 0.0, [_MotionRows(path.time[:1], np.zeros(1), path.via[:1])]
     moves = (np.diff(path.q, axis=0) != 0.0).any(axis=1)  # stretches: all the time the drives move, or stand
     ends = [0, *(np.flatnonzero(moves[1:] != moves[:-1]) + 1).tolist(), len(path) - 1]
     for first, last in pairwise(ends):
-        motion_rows = [_Rows(path.time[first : last + 1], np.arange(first, last + 1.0), path.via[first : last + 1])]
+        motion_rows = [
+            _MotionRows(path.time[first : last + 1], np.arange(first, last + 1.0), path.via[first : last + 1])
+        ]
         if (path.q[first + 1 : last + 1] != path.q[first]).any():
             motion_rows, made, met = _calmed(arm, path, motion_rows[0], slower)
             motions += made
@@ -141,7 +143,7 @@ def calm(
             before = path.time[int(piece.place[-1])] - path.time[int(piece.place[0])]
             shift += float(piece.time[-1] - piece.time[0] - before)
     time, place = (np.concatenate([getattr(piece, name) for piece in rows]) for name in ("time", "place"))
-    whole = _Rows(time, place, tuple(name for piece in rows for name in piece.via))
+    whole = _MotionRows(time, place, tuple(name for piece in rows for name in piece.via))
     return Calmed(_as_path(given, whole), tuple(motions), tuple(flags.values()))
 
 
@@ -190,8 +192,8 @@ class _Law:
 
 
 def _calmed(
-    arm: Arm, path: Trajectory, whole: _Rows, slower: float
-) -> tuple[list[_Rows], list[CalmMotion], list[Flag]]:
+    arm: Arm, path: Trajectory, whole: _MotionRows, slower: float
+) -> tuple[list[_MotionRows], list[CalmMotion], list[Flag]]:
     """Return a motion from rest to rest with the timing that leaves least, what it leaves, and flags.
 
     What a corner leaves no timing along the way cancels: where that is too much the drives stop there, too.
@@ -210,13 +212,13 @@ def _calmed(
     return [rows], [motion], [*modes.flags, *_left(motion), *_beyond(arm, path, whole, [rows])]
 
 
-def _shaped(arm: Arm, path: Trajectory, given: _Rows, slower: float) -> tuple[_Rows, CalmMotion, Modes]:
+def _shaped(arm: Arm, path: Trajectory, given: _MotionRows, slower: float) -> tuple[_MotionRows, CalmMotion, Modes]:
     """Return a motion from rest to rest with the timing that leaves least, what it leaves, and the modes at its end."""
     q = path.q[given.place.astype(int)]
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))])
     count = 1 + int(np.ceil(way[-1] / FURTHER))
     spread = np.interp(np.linspace(0.0, way[-1], count), way, given.place)
-    nodes = _as_path(path, _Rows(np.interp(spread, given.place, given.time), spread, ("",) * count)).prepared(arm)
+    nodes = _as_path(path, _MotionRows(np.interp(spread, given.place, given.time), spread, ("",) * count)).prepared(arm)
     if len(nodes) > 1 and nodes.payload[-1] != nodes.payload[-2]:  # of what is picked up there, see `_calmed`
         nodes = replace(nodes, payload=(*nodes.payload[:-1], nodes.payload[-2]))
     asked = cache(partial(modes_at, arm, nodes))
@@ -272,7 +274,7 @@ def _shaped(arm: Arm, path: Trajectory, given: _Rows, slower: float) -> tuple[_R
 
 
 @dataclass(frozen=True)
-class _Rows:
+class _MotionRows:
     """Rows of a new path by where they are on the old one.
 
     Attributes:
@@ -285,21 +287,21 @@ class _Rows:
     place: Array
     via: tuple[str, ...]
 
-    def later(self, shift: float, first: int) -> _Rows:
+    def later(self, shift: float, first: int) -> _MotionRows:
         """Return the rows from a number on, some time later [s]."""
         return replace(self.some(slice(first, None)), time=self.time[first:] + shift)
 
-    def some(self, rows: slice) -> _Rows:
+    def some(self, rows: slice) -> _MotionRows:
         """Return some of the rows."""
-        return _Rows(self.time[rows], self.place[rows], self.via[rows])
+        return _MotionRows(self.time[rows], self.place[rows], self.via[rows])
 
 
-def _as_path(path: Trajectory, rows: _Rows) -> Trajectory:
+def _as_path(path: Trajectory, rows: _MotionRows) -> Trajectory:
     """Return rows as a path of their own."""
     return path if len(path) == 1 else on_the_way(path, rows.time, rows.place, rows.via)
 
 
-def _on_rows(given: _Rows, law: _Law) -> _Rows:
+def _on_rows(given: _MotionRows, law: _Law) -> _MotionRows:
     """Return a motion with a row wherever its speed changes, and one for each of its own rows."""
     times, there = law.changes
     every, places = np.concatenate([law.reached(law.way), times]), np.concatenate([law.way, there])
@@ -310,7 +312,7 @@ def _on_rows(given: _Rows, law: _Law) -> _Rows:
         elif names[i]:
             kept[-1] = i
     place = np.interp(places[kept], law.way, given.place)
-    return _Rows(given.time[0] + every[kept], place, tuple(names[i] for i in kept))
+    return _MotionRows(given.time[0] + every[kept], place, tuple(names[i] for i in kept))
 
 
 def _left(motion: CalmMotion) -> tuple[Flag, ...]:
@@ -325,7 +327,7 @@ def _left(motion: CalmMotion) -> tuple[Flag, ...]:
     return (Flag("not_calmed", text),)
 
 
-def _beyond(arm: Arm, path: Trajectory, given: _Rows, rows: list[_Rows]) -> Iterator[Flag]:
+def _beyond(arm: Arm, path: Trajectory, given: _MotionRows, rows: list[_MotionRows]) -> Iterator[Flag]:
     """Yield flags about a motion: beyond a speed limit as before, and a load that swings however it is timed."""
     speeds = [np.abs(np.diff(_as_path(path, piece).q, axis=0)) / np.diff(piece.time)[:, None] for piece in rows]
     shares = np.vstack(speeds).max(axis=0) / np.array([joint.velocity for joint in arm.robot.moving])

@@ -22,7 +22,7 @@ GROSS = 100.0
 unit_matrix = cache(np.eye)
 
 
-class Seen(NamedTuple):
+class LinearisedReading(NamedTuple):
     """A reading at the point where the arm is linearised, in standard deviations.
 
     `residual` (d,) is measured minus predicted there, `jacobian` (d, P) its fall per parameter.
@@ -66,7 +66,7 @@ def estimate_of(covariance: Array) -> Estimate:
     return Estimate(np.zeros(len(root)), np.ascontiguousarray(root))
 
 
-def innovation(estimate: Estimate, seen: Seen) -> Innovation:
+def innovation(estimate: Estimate, seen: LinearisedReading) -> Innovation:
     """Return what a reading says beyond an estimate."""
     through_root = seen.jacobian.dot(estimate.root)
     factor, _ = dpotrf(through_root.dot(through_root.T) + unit_matrix(len(through_root)), lower=1, clean=1)
@@ -84,7 +84,7 @@ def absorb(estimate: Estimate, gained: Innovation) -> Estimate:
     return Estimate(values, estimate.root - turned.dot(half.dot(gained.through_root)))
 
 
-def take(estimate: Estimate, seen: Seen) -> tuple[Estimate, float, float]:
+def take(estimate: Estimate, seen: LinearisedReading) -> tuple[Estimate, float, float]:
     """Return the estimate after a reading, what that counted, and its Mahalanobis distance.
 
     The distance d is by all that was expected, what was not known of the parameters included. Beyond `outlier_limit` a
@@ -100,11 +100,11 @@ def take(estimate: Estimate, seen: Seen) -> tuple[Estimate, float, float]:
     weight = (far / distance) ** 2
     expected = gained.factor.dot(gained.factor.T) / weight - gained.through_root.dot(gained.through_root.T)
     noise = np.linalg.cholesky(expected)
-    lighter = Seen(np.linalg.solve(noise, seen.residual), np.linalg.solve(noise, seen.jacobian))
+    lighter = LinearisedReading(np.linalg.solve(noise, seen.residual), np.linalg.solve(noise, seen.jacobian))
     return absorb(estimate, innovation(estimate, lighter)), weight, distance
 
 
-def expected_variance(estimate: Estimate, seen: Seen) -> float:
+def expected_variance(estimate: Estimate, seen: LinearisedReading) -> float:
     """Return the mean variance of what is read that is due to the parameters, by that of the noise."""
     through_root = seen.jacobian.dot(estimate.root)
     return float(np.vdot(through_root, through_root)) / len(through_root)

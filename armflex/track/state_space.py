@@ -17,9 +17,9 @@ from armflex.estimate.fit import realise
 from armflex.estimate.posterior import OTHER_PARAMETERS
 from armflex.estimate.view import look, unclear_shifts
 from armflex.laws.effects.in_arm import derived_directions
-from armflex.parameters import FRAME, OF_SESSION, TARGET, ArmParameter, Certainty, Group, ParameterKind, of_law
+from armflex.parameters import FRAME, OF_SESSION, TARGET, ArmParameter, Certainty, ParameterGroup, ParameterKind, of_law
 from armflex.readings.instrument import Instrument
-from armflex.track.estimate import Seen
+from armflex.track.estimate import LinearisedReading
 from armflex.track.reading import Reading, as_row
 
 SIZES = {
@@ -59,13 +59,13 @@ class Changeable:
         sizes: (k,) standard deviation of a change that is worth announcing.
     """
 
-    group: Group
+    group: ParameterGroup
     places: np.ndarray
     sizes: Array
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class StateSpace:
     """Parameters of an arm, and what they mean.
 
     Attributes:
@@ -156,7 +156,7 @@ def changeables_of(blocks: Sequence[Block], arm: Arm) -> tuple[Changeable, ...]:
     return tuple(Changeable(group, place, size[place]) for group, place in places.items())
 
 
-def model_of(arm: Arm) -> Model:
+def model_of(arm: Arm) -> StateSpace:
     """Return what is tracked of an arm.
 
     Of a calibrated arm that is what was fitted, without the frames of sessions that are over and without effects, else
@@ -227,11 +227,11 @@ def model_of(arm: Arm) -> Model:
     wide = np.zeros((0, len(sizes))) if kept.directions is None else kept.directions
     wide = wide * (WIDE / np.abs(wide / sizes).max(axis=1, keepdims=True, initial=0.0))
     point = np.concatenate([block.start for block in blocks])
-    return Model(setup, tuple(blocks), point, kept.covariance + wide.T @ wide, np.concatenate(added), aside, wide)
+    return StateSpace(setup, tuple(blocks), point, kept.covariance + wide.T @ wide, np.concatenate(added), aside, wide)
 
 
 @dataclass(frozen=True)
-class Sight:
+class LinearisedView:
     """How readings are seen at the point where the arm is linearised: a calibration's view of one row.
 
     Attributes:
@@ -246,7 +246,7 @@ class Sight:
     unexplained: tuple[tuple[str, str, float], ...] = ()
     beside: float = 0.0
 
-    def __call__(self, reading: Reading) -> Seen:
+    def __call__(self, reading: Reading) -> LinearisedReading:
         """Return a reading in standard deviations.
 
         Raises:
@@ -265,4 +265,4 @@ class Sight:
         noise += shifts.T @ shifts
         factor = np.linalg.cholesky(noise)
         whitened = np.ascontiguousarray(np.linalg.solve(factor, jacobian))
-        return Seen(np.linalg.solve(factor, view.residual[0]), whitened)
+        return LinearisedReading(np.linalg.solve(factor, view.residual[0]), whitened)

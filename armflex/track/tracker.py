@@ -18,8 +18,8 @@ from armflex.rows.rows import APPROACH, last_motion
 from armflex.storage.digest import digest
 from armflex.track.estimate import Estimate, estimate_of, expected_variance, recentred, take, widen
 from armflex.track.reading import Reading, as_row, number, sensible
-from armflex.track.state_space import Model, Sight, model_of
-from armflex.track.tracker_file import LAYOUT, State, read_state, write_state
+from armflex.track.state_space import LinearisedView, StateSpace, model_of
+from armflex.track.tracker_file import LAYOUT, TrackerState, read_state, write_state
 from armflex.track.watch import WINDOW, Anchor, Change, Watch, contradicted, fainter, seek
 
 KEPT = 100
@@ -95,7 +95,7 @@ class Tracker:
         self._drifting = np.flatnonzero(self._variance)
         estimate = estimate_of(self._model.known)
         start = Anchor(estimate, 0, 0.0)
-        self._state = State(estimate, self._model.point, Watch(start, start))
+        self._state = TrackerState(estimate, self._model.point, Watch(start, start))
         self._sight = self._sight_at(self._state.point)
 
     @property
@@ -157,7 +157,7 @@ class Tracker:
 
         Raises:
             InputError, UnknownNameError, MissingCovariateError, ConvergenceError, UnstableEquilibriumError: The reading
-                cannot be used, see `Sight`, or its time runs backwards; the tracker is as it was before.
+                cannot be used, see `LinearisedView`, or its time runs backwards; the tracker is as it was before.
         """
         if not isinstance(reading, Reading):
             raise InputError(f"expected a Reading, got {reading!r}")
@@ -259,9 +259,9 @@ class Tracker:
         if not np.isfinite(self.covariance).all():
             raise InputError("its covariance is not finite")
 
-    def _sight_at(self, point: Array) -> Sight:
+    def _sight_at(self, point: Array) -> LinearisedView:
         model = self._model
-        return Sight(model.setup(point), model.blocks, model.aside.unexplained, self._sigma)
+        return LinearisedView(model.setup(point), model.blocks, model.aside.unexplained, self._sigma)
 
     def _directed(self, reading: Reading) -> tuple[Reading, tuple[list[float], list[float]] | None]:
         """Return a reading with the directions that follow from the readings before, and the motion.
@@ -353,7 +353,7 @@ class Tracker:
         return change
 
 
-def _variances(rates: Mapping[str, float], model: Model) -> Array:
+def _variances(rates: Mapping[str, float], model: StateSpace) -> Array:
     """Return (P,) variances per unit of time; the longest name that fits a label counts."""
     labels = [parameter.label for parameter in model.parameters]
     if not isinstance(rates, Mapping) or not all(isinstance(name, str) for name in rates):

@@ -18,14 +18,14 @@ from armflex.rows.wrench import Wrench
 from armflex.storage.array_file import Layout, read_arrays, write_arrays
 from armflex.storage.digest import digest
 from armflex.storage.schema import Numbers
-from armflex.track.estimate import Estimate, Seen
+from armflex.track.estimate import Estimate, LinearisedReading
 from armflex.track.reading import Reading
 from armflex.track.state_space import model_of
 from armflex.track.watch import FEWEST, LONGEST, Anchor, Change, Watch
 
 
 @dataclass
-class State:
+class TrackerState:
     """What changes from reading to reading.
 
     Attributes:
@@ -74,7 +74,7 @@ def _as_they_are(kind: type, *others: str) -> dict[str, Any]:
     return {field.name: hints[field.name] for field in fields(kind) if field.name not in others}
 
 
-PLAIN = _as_they_are(State, "estimate", "point", "watch", "changes")
+PLAIN = _as_they_are(TrackerState, "estimate", "point", "watch", "changes")
 WATCH = _as_they_are(Watch, "first", "later", "window", "readings")
 
 WRENCH = {
@@ -136,7 +136,7 @@ LAYOUT = Layout(
 )
 
 
-def write_state(state: State, about: Mapping[str, Any], path: Path) -> Path:
+def write_state(state: TrackerState, about: Mapping[str, Any], path: Path) -> Path:
     """Write a state, and what it is of, whole or not at all; return the path."""
     watch, arrays = state.watch, {"point": state.point}
     for name, estimate in zip(ESTIMATES, (state.estimate, watch.first.estimate, watch.later.estimate), strict=True):
@@ -181,7 +181,7 @@ def write_state(state: State, about: Mapping[str, Any], path: Path) -> Path:
     return path
 
 
-def read_state(path: Path, arm: Arm) -> tuple[State, dict[str, Any]]:
+def read_state(path: Path, arm: Arm) -> tuple[TrackerState, dict[str, Any]]:
     """Return a state of an arm as tracking began with it, and what else it is of.
 
     Raises:
@@ -210,9 +210,9 @@ def read_state(path: Path, arm: Arm) -> tuple[State, dict[str, Any]]:
         Reading(**saved | {"wrenches": tuple(_read(wrench, arm.robot) for wrench in saved["wrenches"])})
         for saved in said["readings"]
     ]
-    window = [Seen(arrays[f"window {i} residual"], arrays[f"window {i} columns"]) for i in range(count)]
+    window = [LinearisedReading(arrays[f"window {i} residual"], arrays[f"window {i} columns"]) for i in range(count)]
     watch = Watch(first, later, window, **said["watch"], readings=readings)
-    state = State(now, arrays["point"], watch, changes=changes, **said["plain"])
+    state = TrackerState(now, arrays["point"], watch, changes=changes, **said["plain"])
     if problem := _problem(state):
         raise ModelFileError(Place(path), f"does not hold {LAYOUT.what}: {problem}; {LAYOUT.anew}")
     return state, about
@@ -226,7 +226,7 @@ def _read(saved: Mapping[str, Any], robot: Robot) -> Wrench:
     return Branch(*given, robot=robot, positions={name: np.array(at) for name, at in saved["positions"].items()})
 
 
-def _problem(state: State) -> str | None:
+def _problem(state: TrackerState) -> str | None:
     """Return what in a state contradicts the rest of it."""
     watch, size = state.watch, len(state.watch.window)
     first, later, begun = watch.first, watch.later, state.count > 0

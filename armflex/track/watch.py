@@ -19,7 +19,7 @@ from armflex.estimate.robust import outlier_limit
 from armflex.parameters import ArmParameter, ParameterKind
 from armflex.readings import Position
 from armflex.result import Result
-from armflex.track.estimate import Estimate, Seen, recentred
+from armflex.track.estimate import Estimate, LinearisedReading, recentred
 from armflex.track.reading import Reading
 from armflex.track.state_space import Changeable
 
@@ -118,7 +118,7 @@ class Anchor:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class DetectedChange:
     """The most probable hypothesis: what changed, the place in the window where it begins, and what it says."""
 
     what: Changeable
@@ -150,7 +150,7 @@ class Watch:
 
     first: Anchor
     later: Anchor
-    window: list[Seen] = field(default_factory=list)
+    window: list[LinearisedReading] = field(default_factory=list)
     weights: list[float] = field(default_factory=list)
     total: float = 0.0
     rising: int = 0
@@ -180,7 +180,7 @@ class Watch:
         size = len(self.window)
         return size == WINDOW or size >= (LONGEST if self.unsettled else 2 * WINDOW)
 
-    def add(self, seen: Seen, weight: float, distance: float) -> bool:
+    def add(self, seen: LinearisedReading, weight: float, distance: float) -> bool:
         """Take in a reading and its distance from what was expected; return whether to look for a change."""
         if self.total == 0.0:
             self.rising = len(self.window)
@@ -191,7 +191,7 @@ class Watch:
         self.total = max(0.0, self.total + min(distance, outlier_limit(size)) ** 2 - size - SLACK)
         return self.total > GATE and len(self.window) - self.rising >= FEWEST
 
-    def add_unsettled(self, reading: Reading, seen: Seen, weight: float, expected_variance: float) -> None:
+    def add_unsettled(self, reading: Reading, seen: LinearisedReading, weight: float, expected_variance: float) -> None:
         """Take in a reading, and how wide it was expected; see `estimate.posterior`."""
         self.window.append(seen)
         self.weights.append(weight)
@@ -200,12 +200,14 @@ class Watch:
 
     def recentre(self, step: Array, factor: Array) -> None:
         """Take in that the arm is linearised elsewhere; see `recentred`."""
-        self.window = [Seen(seen.residual - seen.jacobian @ step, seen.jacobian * factor) for seen in self.window]
+        self.window = [
+            LinearisedReading(seen.residual - seen.jacobian @ step, seen.jacobian * factor) for seen in self.window
+        ]
         self.first = replace(self.first, estimate=recentred(self.first.estimate, step, factor))
         self.later = replace(self.later, estimate=recentred(self.later.estimate, step, factor))
 
 
-def seek(watch: Watch, before: Estimate, changeables: Sequence[Changeable]) -> Found | None:
+def seek(watch: Watch, before: Estimate, changeables: Sequence[Changeable]) -> DetectedChange | None:
     """Return the change that the window shows, None where it shows none or not yet which.
 
     Args:
@@ -246,10 +248,10 @@ def seek(watch: Watch, before: Estimate, changeables: Sequence[Changeable]) -> F
         ((group, p) for group, p in shares.items() if group and group != name and p > 0.01), key=lambda x: -x[1]
     )
     std = what.sizes * np.sqrt(np.maximum(np.diag(left), 0.0))
-    return Found(what, start, shares[name], size, std, tuple(others), explained.lost.tolist())
+    return DetectedChange(what, start, shares[name], size, std, tuple(others), explained.lost.tolist())
 
 
-def contradicted(window: Sequence[Seen], before: Estimate) -> tuple[list[bool], float]:
+def contradicted(window: Sequence[LinearisedReading], before: Estimate) -> tuple[list[bool], float]:
     """Return which readings of a window the others and the estimate `before` them contradict, if nothing changed.
 
     Where that is most of them it is the arm that is linearised too far away, and not the readings that are wrong: they
@@ -264,9 +266,9 @@ def contradicted(window: Sequence[Seen], before: Estimate) -> tuple[list[bool], 
         part *= 0.5
 
 
-def fainter(seen: Seen, part: float) -> Seen:
+def fainter(seen: LinearisedReading, part: float) -> LinearisedReading:
     """Return a reading by larger standard deviations."""
-    return seen if part == 1.0 else Seen(part * seen.residual, part * seen.jacobian)
+    return seen if part == 1.0 else LinearisedReading(part * seen.residual, part * seen.jacobian)
 
 
 @dataclass(frozen=True, eq=False)
@@ -331,7 +333,7 @@ class _Task:
         return _Explained(float(cost), inverse, pulls, lost)
 
 
-def _task(window: Sequence[Seen], before: Estimate) -> _Task:
+def _task(window: Sequence[LinearisedReading], before: Estimate) -> _Task:
     size = min(Position.dimension, *(len(seen.residual) for seen in window))  # which all of them have
     jacobian = np.array([seen.jacobian[:size] for seen in window])
     errors = np.array([seen.residual[:size] for seen in window]) - jacobian @ before.values

@@ -17,14 +17,14 @@ from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import Location
 from armflex.parameters import Certainty
 from armflex.readings.instrument import Instrument
-from armflex.track.state_space import Model, Sight, model_of
+from armflex.track.state_space import LinearisedView, StateSpace, model_of
 
 
 @pytest.mark.slow
 def test_same_as_least_squares_on_all_readings_together(known, machine):
     """By LAPACK's least squares on the stacked rows, prior included; to rounding."""
     model, readings = model_of(known), machine.readings(3, 150)
-    tracker, sight = Tracker(known), Sight(model.declared, model.blocks, (), 0.0)
+    tracker, sight = Tracker(known), LinearisedView(model.declared, model.blocks, (), 0.0)
     assert all(tracker.update(reading).weight == 1.0 for reading in readings)
     seen = [sight(reading) for reading in readings]
     prior = np.linalg.cholesky(np.linalg.inv(known.certainty.covariance)).T
@@ -66,11 +66,11 @@ def elsewhere(tarm: Arm) -> tuple[Arm, list[Reading]]:
     return arm, readings
 
 
-def assert_derivatives(model: Model, readings: list[Reading]) -> None:
+def assert_derivatives(model: StateSpace, readings: list[Reading]) -> None:
     """Compare columns with central differences of the residuals, every parameter by itself."""
-    here, size = Sight(model.declared, model.blocks), 1e-4
+    here, size = LinearisedView(model.declared, model.blocks), 1e-4
     for step in size * np.eye(len(model.point)):
-        ends = [Sight(model.setup(model.point + side * step), model.blocks) for side in (1.0, -1.0)]
+        ends = [LinearisedView(model.setup(model.point + side * step), model.blocks) for side in (1.0, -1.0)]
         for reading in readings:
             change = (ends[1](reading).residual - ends[0](reading).residual) / (2.0 * size)
             jacobian = here(reading).jacobian

@@ -14,7 +14,7 @@ from armflex import Arm, Tracker, load_arm
 from armflex.arm import Prior
 from armflex.errors import InputError, JointLimitError, UnknownNameError
 from armflex.parameters import Certainty
-from armflex.track.estimate import Seen, absorb, estimate_of, innovation, take, widen
+from armflex.track.estimate import LinearisedReading, absorb, estimate_of, innovation, take, widen
 from armflex.track.state_space import model_of
 
 NOISE = np.sqrt(3.0) * SIGMA
@@ -86,9 +86,9 @@ def test_how_much_a_far_reading_moves_an_estimate():
         columns, away = rng.normal(size=(3, 5)), rng.normal(size=3)
         root = np.linalg.cholesky(columns @ before.covariance @ columns.T + np.eye(3))
         away = root @ away / np.linalg.norm(away)
-        whole = absorb(before, innovation(before, Seen(away, columns))).values
+        whole = absorb(before, innovation(before, LinearisedReading(away, columns))).values
         for distance in (3.9, 6.0, 20.0, 99.0, 101.0):
-            after, weight, told = take(before, Seen(distance * away, columns))
+            after, weight, told = take(before, LinearisedReading(distance * away, columns))
             expected = 1.0 if distance < 4.0 else (4.0 / distance) ** 2 if distance < 100.0 else 0.0
             assert told == pytest.approx(distance) and weight == pytest.approx(expected)
             assert after.values == pytest.approx(weight * distance * whole, rel=1e-6, abs=1e-12 * width)

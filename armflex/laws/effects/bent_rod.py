@@ -8,7 +8,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.context import Context, Records
-from armflex.laws.effects.effect import Act, Amplitude, Effect, Model, ModelLaw, Plausible, Solved, Words
+from armflex.laws.effects.effect import Act, Amplitude, ChangeableModel, Effect, ModelLaw, Plausible, Solved, Words
 from armflex.laws.effects.location import LINK, Here, Location
 from armflex.laws.effects.shapes import ON_THE_LINK
 from armflex.robot import Robot
@@ -37,7 +37,7 @@ def _longer(here: Here, view: Solved, context: Context) -> Array:
     return np.broadcast_to(_rods(here.robot)[here.location.place], (len(view.rows), 1, 6))
 
 
-def _change(effect: Effect, model: Model) -> Model:
+def _change(effect: Effect, model: ChangeableModel) -> ChangeableModel:
     name, geometry = effect.location.place, model.corrections.geometry
     twist = geometry.get(name, np.zeros(6)) + effect.amplitudes[0] * _rods(model.robot)[name]
     return replace(model, corrections=replace(model.corrections, geometry={**geometry, name: twist}))

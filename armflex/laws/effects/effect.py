@@ -204,7 +204,7 @@ class Solved(Protocol):
 
 
 @dataclass(frozen=True)
-class Model:
+class ChangeableModel:
     """What a `ModelLaw` may change: parts of an arm, and the instrument that looks at it."""
 
     robot: Robot
@@ -316,7 +316,7 @@ class EffectLaw(ABC):
     changes_model: ClassVar[bool] = False
     """Whether it is in the model that it changed, and not at work in the arm as a twist or a load."""
 
-    def change(self, effect: Effect, model: Model) -> Model:
+    def change(self, effect: Effect, model: ChangeableModel) -> ChangeableModel:
         """Return the model with the effect in it; what is at work in the arm changes nothing else."""
         return model
 
@@ -577,13 +577,13 @@ class ModelLaw(EffectLaw):
     """
 
     made: Callable[[Here, Solved, Context], Array]
-    changed: Callable[[Effect, Model], Model]
+    changed: Callable[[Effect, ChangeableModel], ChangeableModel]
     changes_model: ClassVar[bool] = True
 
     def of_each(self, location: Location, inners: Sequence[Values], view: Solved, context: Context) -> Sequence[Array]:
         return [self.made(context.here(location, view.arm), view, context)] * len(inners)
 
-    def change(self, effect: Effect, model: Model) -> Model:
+    def change(self, effect: Effect, model: ChangeableModel) -> ChangeableModel:
         return self.changed(effect, model)
 
 

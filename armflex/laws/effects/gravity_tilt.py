@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.laws.effects.context import Context
-from armflex.laws.effects.effect import Act, Amplitude, Effect, Model, ModelLaw, Plausible, Solved, Words
+from armflex.laws.effects.effect import Act, Amplitude, ChangeableModel, Effect, ModelLaw, Plausible, Solved, Words
 from armflex.laws.effects.location import BASE, Here
 from armflex.laws.effects.shapes import singly_and_together
 
@@ -18,7 +18,7 @@ def _turned(here: Here, view: Solved, context: Context) -> Array:
     return view.gravity(np.cross(np.eye(3)[:2], view.arm.robot.gravity))
 
 
-def _change(effect: Effect, model: Model) -> Model:
+def _change(effect: Effect, model: ChangeableModel) -> ChangeableModel:
     rotation = pin.exp3(np.array([*effect.values, 0.0]))
     return replace(model, robot=replace(model.robot, gravity=rotation @ model.robot.gravity))
 

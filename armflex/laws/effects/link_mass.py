@@ -8,7 +8,17 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.context import Context, Records
-from armflex.laws.effects.effect import Act, Amplitude, Effect, Manipulator, Model, ModelLaw, Plausible, Solved, Words
+from armflex.laws.effects.effect import (
+    Act,
+    Amplitude,
+    ChangeableModel,
+    Effect,
+    Manipulator,
+    ModelLaw,
+    Plausible,
+    Solved,
+    Words,
+)
 from armflex.laws.effects.location import Here, Location, link_of
 from armflex.laws.effects.shapes import middle_of
 
@@ -30,7 +40,7 @@ def _weight(here: Here, view: Solved, context: Context) -> Array:
     return np.concatenate([forces, moments], axis=2)
 
 
-def _change(effect: Effect, model: Model) -> Model:
+def _change(effect: Effect, model: ChangeableModel) -> ChangeableModel:
     bodies, link = model.corrections.bodies, link_of(effect.location.site, model.robot)
     change = bodies.get(link, np.zeros(4)) + np.array(effect.amplitudes)
     return replace(model, corrections=replace(model.corrections, bodies={**bodies, link: change}))

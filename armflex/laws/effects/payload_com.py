@@ -8,7 +8,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.context import Context, Records
-from armflex.laws.effects.effect import Act, Amplitude, Effect, Model, ModelLaw, Plausible, Solved, Words
+from armflex.laws.effects.effect import Act, Amplitude, ChangeableModel, Effect, ModelLaw, Plausible, Solved, Words
 from armflex.laws.effects.location import TOOL, Here, Location, all_and_each
 
 
@@ -27,7 +27,7 @@ def _weight(here: Here, view: Solved, context: Context) -> Array:
     return np.concatenate([np.zeros_like(moments), moments], axis=2)
 
 
-def _change(effect: Effect, model: Model) -> Model:
+def _change(effect: Effect, model: ChangeableModel) -> ChangeableModel:
     shift, partner = np.array(effect.amplitudes), effect.location.partner
     changed = {
         name: replace(payload, com=payload.com + shift) if partner in ("", name) else payload

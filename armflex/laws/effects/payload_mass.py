@@ -13,7 +13,17 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.context import Context, Records
-from armflex.laws.effects.effect import Act, Amplitude, Effect, Manipulator, Model, ModelLaw, Plausible, Solved, Words
+from armflex.laws.effects.effect import (
+    Act,
+    Amplitude,
+    ChangeableModel,
+    Effect,
+    Manipulator,
+    ModelLaw,
+    Plausible,
+    Solved,
+    Words,
+)
 from armflex.laws.effects.location import TOOL, Here, Location, all_and_each
 
 EACH = "each"
@@ -38,7 +48,7 @@ def _weight(here: Here, view: Solved, context: Context) -> Array:
     return (np.concatenate([gravity, moment], axis=1) * share[:, None])[:, None]
 
 
-def _change(effect: Effect, model: Model) -> Model:
+def _change(effect: Effect, model: ChangeableModel) -> ChangeableModel:
     masses = {name: max(mass, 0.0) for name, mass in masses_with(effect, model.payloads).items()}
     changed = {name: replace(payload, mass=masses[name]) for name, payload in model.payloads.items()}
     return replace(model, payloads=changed)

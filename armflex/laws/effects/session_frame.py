@@ -12,7 +12,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.context import AXES, Context, Records
-from armflex.laws.effects.effect import Act, Amplitude, Effect, Model, ModelLaw, Plausible, Solved, Words
+from armflex.laws.effects.effect import Act, Amplitude, ChangeableModel, Effect, ModelLaw, Plausible, Solved, Words
 from armflex.laws.effects.location import BASE, Here, Location
 from armflex.laws.effects.shapes import ON_THE_FLOOR
 
@@ -28,7 +28,7 @@ def _moved(here: Here, view: Solved, context: Context) -> Array:
     return in_session[:, None, None] * np.eye(6)
 
 
-def _change(effect: Effect, model: Model) -> Model:
+def _change(effect: Effect, model: ChangeableModel) -> ChangeableModel:
     moved = model.instrument.with_session(effect.location.partner, np.array(effect.values))
     return replace(model, instrument=moved)
 

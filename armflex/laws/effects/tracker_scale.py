@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from armflex.laws.effects.effect import Act, Amplitude, Effect, Model, ModelLaw, Plausible, Words
+from armflex.laws.effects.effect import Act, Amplitude, ChangeableModel, Effect, ModelLaw, Plausible, Words
 from armflex.laws.effects.location import BASE, Location
 
 PPM = 1e-6
 
 
-def _change(effect: Effect, model: Model) -> Model:
+def _change(effect: Effect, model: ChangeableModel) -> ChangeableModel:
     scale = model.instrument.scale + PPM * effect.values[0]
     return replace(model, instrument=replace(model.instrument, scale=scale))
 

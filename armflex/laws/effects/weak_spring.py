@@ -8,7 +8,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.context import Context
-from armflex.laws.effects.effect import Act, Amplitude, Effect, Model, ModelLaw, Plausible, Solved, Words
+from armflex.laws.effects.effect import Act, Amplitude, ChangeableModel, Effect, ModelLaw, Plausible, Solved, Words
 from armflex.laws.effects.location import Here, Location
 
 
@@ -19,7 +19,7 @@ def _lost(here: Here, view: Solved, context: Context) -> Array:
     return -np.array([whole.tension(length) for length in view.length_of(spring).tolist()])[:, None, None]
 
 
-def _change(effect: Effect, model: Model) -> Model:
+def _change(effect: Effect, model: ChangeableModel) -> ChangeableModel:
     def changed(law):
         return replace(law, strength=law.strength - effect.amplitudes[0])
 

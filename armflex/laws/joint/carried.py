@@ -22,7 +22,7 @@ from armflex.laws.terms import Terms
 
 
 @dataclass(frozen=True, eq=False)
-class Carried(Composed):
+class CarriedLaw(Composed):
     """`law` as it is seen in other axes."""
 
     law: Law
@@ -36,7 +36,7 @@ class Carried(Composed):
     def laws(self) -> tuple[Law]:
         return (self.law,)
 
-    def with_laws(self, laws: Sequence[Law]) -> Carried:
+    def with_laws(self, laws: Sequence[Law]) -> CarriedLaw:
         return replace(self, law=laws[0])
 
     def shares(self, wrench: Array, row: Row) -> list[tuple[Array, Array]]:
@@ -77,7 +77,7 @@ class Carried(Composed):
 
 
 @dataclass(frozen=True)
-class AtNode(Carried):
+class AtNode(CarriedLaw):
     """`law` acts in a frame at `node`, (3,) in the flexure's frame [m], axes parallel to it."""
 
     node: Array
@@ -96,7 +96,7 @@ class AtNode(Carried):
 
 
 @dataclass(frozen=True, eq=False)
-class ScaledLaw(Carried):
+class ScaledLaw(CarriedLaw):
     """A law scaled along some axes. Its parameters are the factors' logarithms; what the law does not know stays its.
 
     Attributes:

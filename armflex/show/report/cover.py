@@ -43,7 +43,7 @@ STIFF = {"d": "N/m", "r": "Nm/rad"}
 LARGER = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""))
 
 
-class Point(NamedTuple):
+class MarkedPoint(NamedTuple):
     """A row of the table of points: its cells, and whether it is among the worst."""
 
     cells: tuple[str, ...]
@@ -125,7 +125,7 @@ def instruments(measurements: Measurements) -> list[str]:
     return said
 
 
-def points(measurements: Measurements, rows: np.ndarray, now: Errors, before: Errors, left: Array) -> list[Point]:
+def points(measurements: Measurements, rows: np.ndarray, now: Errors, before: Errors, left: Array) -> list[MarkedPoint]:
     """Return the points, worst first, by the columns of `POINT_HEAD`.
 
     Args:
@@ -145,7 +145,7 @@ def points(measurements: Measurements, rows: np.ndarray, now: Errors, before: Er
         lengths = (
             millimetres(length).removesuffix(" mm") for length in (float(old[i]), float(sizes[i]), *left[i].tolist())
         )
-        largest.append(Point((place, *named, *lengths), bool(sizes[i] > limit)))
+        largest.append(MarkedPoint((place, *named, *lengths), bool(sizes[i] > limit)))
     return largest
 
 

@@ -62,7 +62,7 @@ class Suspicion:
 
 
 @dataclass(frozen=True, eq=False)
-class Direction:
+class EffectResponse:
     """How readings answer to one unit of an effect, and how much of it there is.
 
     Attributes:
@@ -101,7 +101,7 @@ def motion_of(trace: Trace, effect: Effect) -> Array:
     return view.effect_jacobian(effect, context)[:, view.foremost] @ effect.acting
 
 
-def _seen(trace: Trace, effect: Effect, motion: Array) -> tuple[Direction, Array, str]:
+def _seen(trace: Trace, effect: Effect, motion: Array) -> tuple[EffectResponse, Array, str]:
     """Return the direction of an effect, what it depends on, and the label of that."""
     twist, axis = _twist(trace, effect)
     if ABOVE in effect.law.inner and (axis is None or effect.law.loaded):
@@ -117,7 +117,7 @@ def _seen(trace: Trace, effect: Effect, motion: Array) -> tuple[Direction, Array
         shown = trace.state.fit.view.readings.unit
         name, factor = SHOWN[shown]
         label = f"{'motion' if shown == 'm' else 'change'} that the effect predicts [{name}]"
-        return Direction(unit, size, "residual along it", shown), factor * size, label
+        return EffectResponse(unit, size, "residual along it", shown), factor * size, label
     x, x_label = _suspect(trace, effect, axis)
     view = trace.state.fit.view
     unit, value = view.to_twist(effect.location.site)[:, view.foremost] @ axis, twist @ axis
@@ -125,13 +125,13 @@ def _seen(trace: Trace, effect: Effect, motion: Array) -> tuple[Direction, Array
         return _usual(trace, unit, value), x, x_label
     gain, per = _gain(trace, effect)
     name = f"{'rotation' if np.any(axis[3:]) else 'shift'} at the place{per}"
-    return Direction(unit * gain[:, None], value / gain, name, "rad" if np.any(axis[3:]) else "m"), x, x_label
+    return EffectResponse(unit * gain[:, None], value / gain, name, "rad" if np.any(axis[3:]) else "m"), x, x_label
 
 
-def _usual(trace: Trace, unit: Array, value: Array) -> Direction:
+def _usual(trace: Trace, unit: Array, value: Array) -> EffectResponse:
     """Return a direction in the unit of a typical reading: metres at the target, where that is read."""
     size = float(np.sqrt((unit**2).sum(axis=1).mean())) or 1.0
-    return Direction(
+    return EffectResponse(
         unit / size, value * size, "residual along it,\nas in a typical reading", trace.state.fit.view.readings.unit
     )
 

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from armflex.export.quoting import html_data, html_script, html_text
-from armflex.show.view.scene_3d import Camera, Scene, Shape, frame_camera, scene_points
+from armflex.show.view.scene_3d import Scene, Shape, Viewpoint, frame_camera, scene_points
 
 Json = dict[str, Any]
 
@@ -143,7 +143,7 @@ def _lathe_faces(rings: int, sides: int) -> np.ndarray:
     return np.concatenate(walls + caps)
 
 
-def commands(scene: Scene, camera: Camera) -> Iterator[Json]:
+def commands(scene: Scene, camera: Viewpoint) -> Iterator[Json]:
     """Yield the commands to the viewer, in order; arrays of numbers are `_packed`."""
     yield _property("/Background", "top_color", _BACKGROUND_TOP)
     yield _property("/Background", "bottom_color", _BACKGROUND_BOTTOM)

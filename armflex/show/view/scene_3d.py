@@ -93,7 +93,7 @@ class LegendRow:
 
 
 @dataclass(frozen=True, eq=False)
-class Camera:
+class Viewpoint:
     """Where the scene is seen from: `position` (3,) and `target` (3,) in the world.
 
     `view_deg` holds the full horizontal and vertical angles which must be in view; whatever the shape of the
@@ -125,7 +125,7 @@ class Scene:
     notes: tuple[str, ...] = ()
     table_title: str = ""
     table: tuple[tuple[str, ...], ...] = ()
-    camera: Camera | None = None
+    camera: Viewpoint | None = None
     times: Array | None = None
     speed: float = 1.0
     floor_z: float | None = 0.0
@@ -133,7 +133,7 @@ class Scene:
     shown: int = 0
 
 
-def frame_camera(points: Array, fov_deg: float = 26.0, aspect: float = 1.6) -> Camera:
+def frame_camera(points: Array, fov_deg: float = 26.0, aspect: float = 1.6) -> Viewpoint:
     """Return a camera which sees all `points` (N, 3) in a picture of the given width/height `aspect`.
 
     It looks down a little, 65 degrees away from the longest horizontal extent of the points, which gives a
@@ -158,7 +158,7 @@ def frame_camera(points: Array, fov_deg: float = 26.0, aspect: float = 1.6) -> C
     spans = margin * np.max(np.abs(seen[:, :2] - eye[:2]) / depth[:, None], axis=0)
     horizontal, vertical = (float(np.clip(np.degrees(2.0 * np.arctan(span)), 1.0, 160.0)) for span in spans)
     target = eye - [0.0, 0.0, float(np.mean([depth.min(), depth.max()]))]
-    return Camera(axes.T @ eye, axes.T @ target, (horizontal, vertical))
+    return Viewpoint(axes.T @ eye, axes.T @ target, (horizontal, vertical))
 
 
 def scene_points(scene: Scene) -> Array:

@@ -96,7 +96,7 @@ def cell_indices(numbers: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Question:
+class MapQuestion:
     """An arm, what it carries, and how its answers are distinguished.
 
     Attributes:
@@ -124,7 +124,7 @@ class Question:
         return hash(self.token)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Question) and other.token == self.token
+        return isinstance(other, MapQuestion) and other.token == self.token
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,12 +136,12 @@ class Answer:
 
 
 @lru_cache(maxsize=2)
-def _kept(question: Question) -> tuple[Arm, ...]:
+def _kept(question: MapQuestion) -> tuple[Arm, ...]:
     """Return the arms as they first came here: their models are made already."""
     return question.arms
 
 
-def answers(question: Question, q: Array) -> Answer:
+def answers(question: MapQuestion, q: Array) -> Answer:
     """Return the answers at (N, nq) configurations under every payload; flags are about the arm itself.
 
     A configuration is counted with the first payload. A drawn arm's worst counts where the arm itself has its tip: an
@@ -209,7 +209,7 @@ def _swept(q: Array) -> np.ndarray:
     return np.lexsort(levels.T[::-1])
 
 
-def sigmas(question: Question, q: Array, payload: np.ndarray) -> tuple[Array, tuple[Flag, ...]]:
+def sigmas(question: MapQuestion, q: Array, payload: np.ndarray) -> tuple[Array, tuple[Flag, ...]]:
     """Return the (n,) standard uncertainties of displacements that were found, and flags about them.
 
     They are NaN at the brink of what has an answer, where nobody states any, and where they have no end.
@@ -236,7 +236,7 @@ def sigmas(question: Question, q: Array, payload: np.ndarray) -> tuple[Array, tu
     return np.where(np.isinf(sigma), np.nan, sigma), tuple(flags.values())
 
 
-def frequencies(question: Question, q: Array, payload: np.ndarray) -> Array:
+def frequencies(question: MapQuestion, q: Array, payload: np.ndarray) -> Array:
     """Return the (n,) first natural frequencies [Hz] where displacements were found, NaN at the brink of an answer.
 
     Args:

@@ -33,7 +33,7 @@ from armflex.tasks.check import COVERAGE, doubtful_tolerance
 from armflex.tasks.workspace.cells import (
     SIDE,
     Answer,
-    Question,
+    MapQuestion,
     Tally,
     answers,
     cell_indices,
@@ -251,7 +251,7 @@ def map_workspace(
     arm.loaded(None).flags_under(wrenches, moves=False)  # raises where a link is not the arm's
     options = {"covariates": settled, "method": method, "strict": strict, "wrenches": tuple(wrenches)}
     arms = (without_declared_uncertainty(arm), *(draw_arms(arm, draws, seed) if draws else ()))
-    question = Question(arms, names, edge, options, rows * len(names))
+    question = MapQuestion(arms, names, edge, options, rows * len(names))
     drawn = Configurations(lower, upper, rows, seed, CHUNK)
 
     with closing(in_order((partial(answers, question, q) for q in drawn.chunks()), jobs)) as chunks:
@@ -342,7 +342,7 @@ def _gathered(
 
 
 def _uncertainties(
-    question: Question, drawn: Configurations, tally: Tally, jobs: int | None, progress: Progress | None
+    question: MapQuestion, drawn: Configurations, tally: Tally, jobs: int | None, progress: Progress | None
 ) -> tuple[Array | None, tuple[Flag, ...]]:
     """Return (V,) standard uncertainties of the largest displacements, None where nobody states any, and flags.
 

@@ -13,7 +13,7 @@ from scipy.stats import invgamma, multivariate_normal, norm
 
 from armflex import InputError
 from armflex.bench import fit_bayesian as bayesian
-from armflex.bench.fit_bayesian import Collapsed, Prior, fit_bayesian, maximum, whitening
+from armflex.bench.fit_bayesian import Collapsed, NetworkPrior, fit_bayesian, maximum, whitening
 from armflex.bench.fitted import Fitted
 from armflex.bench.network_problem import NetworkProblem, predictions
 from armflex.errors import ConvergenceError, NotFiniteError, UnknownNameError, UnsupportedError
@@ -25,7 +25,7 @@ pytestmark = pytest.mark.slow
 
 NOISE = 1e-5
 NOWHERE = Row(np.zeros(0), {})
-UNEQUAL = Prior(np.array([1.3, 0.7, 2.0, 0.1]), 0.7, 1e-3)
+UNEQUAL = NetworkPrior(np.array([1.3, 0.7, 2.0, 0.1]), 0.7, 1e-3)
 
 
 def bench(seed: int, rows: int = 91) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -70,7 +70,7 @@ def one_neuron(rows: int) -> NetworkProblem:
     return NetworkProblem(x, 0.8 * np.tanh(x) + 0.3 * rng.normal(size=(rows, 1)), 1)
 
 
-def prior_of(theta: np.ndarray, prior: Prior) -> float:
+def prior_of(theta: np.ndarray, prior: NetworkPrior) -> float:
     """Return the log prior of one neuron's weight, bias and log noise."""
     deviations = 1.0 / np.sqrt(prior.precisions[:2])
     variance = invgamma.logpdf(np.exp(2.0 * theta[2]), prior.noise_shape, scale=prior.noise_scale)
@@ -90,7 +90,7 @@ def test_density_is_that_of_a_multivariate_normal() -> None:
 
 def test_density_is_the_integral_over_the_output_weight() -> None:
     """By quadrature, with the offset's prior so narrow that it is zero."""
-    problem, prior = one_neuron(4), Prior(np.array([1.3, 0.7, 2.0, 1e12]), 0.7, 1e-3)
+    problem, prior = one_neuron(4), NetworkPrior(np.array([1.3, 0.7, 2.0, 1e12]), 0.7, 1e-3)
     theta = np.array([0.9, -0.3, -0.8])
     hidden = 1.0 / (1.0 + np.exp(-(theta[0] * problem.x[:, 0] + theta[1])))
 
@@ -287,7 +287,7 @@ def test_bad_arguments(monkeypatch: pytest.MonkeyPatch) -> None:
             fit_bayesian(loads, deflections, sampler="nuts", neurons=2, **wrong)
     for precisions in (np.ones(3), np.array([1.0, 0.0, 1.0, 1.0]), np.array([1.0, np.nan, 1.0, 1.0])):
         with pytest.raises(InputError, match="prior of a network: expected 4 precisions"):
-            Prior(precisions)
+            NetworkPrior(precisions)
     monkeypatch.setitem(sys.modules, "nutpie", None)
     with pytest.raises(UnsupportedError, match=r"needs .*: pip install 'armflex\[bayes\]'"):
         fit_bayesian(loads, deflections, neurons=2, sampler="nuts")

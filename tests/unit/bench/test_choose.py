@@ -15,8 +15,8 @@ from armflex import InputError, read_joint_data, train
 from armflex.bench.cross_validation import (
     INNER,
     OUTER,
-    Candidate,
-    Compared,
+    ModelCandidate,
+    ModelScore,
     assess,
     chosen,
     compare,
@@ -79,11 +79,11 @@ def test_a_network_is_taken_where_nothing_plain_will_do() -> None:
 
 def test_within_one_standard_error_the_plainer_is_taken() -> None:
     squares = np.random.default_rng(0).chisquare(1, size=(40, 3))
-    near, far = Compared("near", "linear", 1.05 * squares), Compared("far", "linear", 2.0 * squares)
-    best = Compared("best", "linear", squares)
+    near, far = ModelScore("near", "linear", 1.05 * squares), ModelScore("far", "linear", 2.0 * squares)
+    best = ModelScore("best", "linear", squares)
     assert chosen([far, near, best]) == 1
     assert chosen([far, best]) == 1
-    broken = Compared("broken", "linear", np.full((40, 3), np.inf), "3 rows are too few")
+    broken = ModelScore("broken", "linear", np.full((40, 3), np.inf), "3 rows are too few")
     assert chosen([broken, best]) == 1
     with pytest.raises(InputError, match="not even 'broken': 3 rows are too few"):
         chosen([broken])
@@ -93,7 +93,7 @@ def test_a_column_that_is_followed_exactly_does_not_decide() -> None:
     """Ten times as large an error on two columns counts, 1e-15 against 1e-18 on a third does not."""
     squares = np.random.default_rng(0).chisquare(1, size=(40, 3))
     exact, other = squares * [1.0, 1.0, 0.0], squares * [0.01, 0.01, 1e-30]
-    among = [Compared("exact", "linear", exact), Compared("other", "neural", other)]
+    among = [ModelScore("exact", "linear", exact), ModelScore("other", "neural", other)]
     assert chosen(among, np.array([1e-6, 1e-6, 1e-6])) == 1
     data = bench("full", 1)
     least = negligible(data.deflections * [1.0, 0.0, 1.0])
@@ -120,7 +120,7 @@ def test_the_choice_sees_no_row_that_is_held_out() -> None:
     """Every fit that leads to the choice in a fold, and the fit chosen, is without that fold's rows."""
     data, seen = bench("full", 5, 40), []
 
-    def watched(candidate: Candidate) -> Candidate:
+    def watched(candidate: ModelCandidate) -> ModelCandidate:
         def learn(loads: np.ndarray, deflections: np.ndarray, seed: int) -> Fitted:
             seen.append(set(loads[:, 0]))
             return candidate.learner(loads, deflections, seed)

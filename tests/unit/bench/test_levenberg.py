@@ -11,8 +11,8 @@ from scipy.optimize import least_squares as scipy_least_squares
 from armflex.bench.network_problem import (
     RELATIVE,
     Damping,
+    NetworkPoint,
     NetworkProblem,
-    Point,
     Weighted,
     damped_step,
     jacobian,
@@ -85,11 +85,11 @@ class Never:
     helpful: int
     solved: int = 0
 
-    def evaluate(self, weights: np.ndarray) -> Point:
+    def evaluate(self, weights: np.ndarray) -> NetworkPoint:
         steps = int(weights[0])
-        return Point(weights, float(max(self.helpful - steps, 0) if steps <= self.helpful else 1e9), None)
+        return NetworkPoint(weights, float(max(self.helpful - steps, 0) if steps <= self.helpful else 1e9), None)
 
-    def normal(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
+    def normal(self, point: NetworkPoint) -> tuple[np.ndarray, np.ndarray]:
         return -np.ones(1), np.zeros((1, 1))
 
 
@@ -116,10 +116,10 @@ class Gains:
     parts: tuple[float, ...]
     solved: int = 0
 
-    def evaluate(self, weights: np.ndarray) -> Point:
-        return Point(weights, float(np.prod(1.0 - np.array(self.parts[: round(float(weights[0]))]))), None)
+    def evaluate(self, weights: np.ndarray) -> NetworkPoint:
+        return NetworkPoint(weights, float(np.prod(1.0 - np.array(self.parts[: round(float(weights[0]))]))), None)
 
-    def normal(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
+    def normal(self, point: NetworkPoint) -> tuple[np.ndarray, np.ndarray]:
         return -np.ones(1), np.zeros((1, 1))
 
 

@@ -14,7 +14,7 @@ from armflex.estimate.block import parameters_of
 from armflex.estimate.blocks import declared_blocks
 from armflex.estimate.placement import first_guess
 from armflex.laws.effects import CATALOGUE, Effect, Location
-from armflex.parameters import ArmParameter, Certainty, Group, ParameterKind, of_effect
+from armflex.parameters import ArmParameter, Certainty, ParameterGroup, ParameterKind, of_effect
 from armflex.readings.instrument import Instrument
 
 TARM = ROBOTS / "tarm_like"
@@ -58,7 +58,9 @@ def test_a_parameter_that_the_arm_has_no_more_stays_what_it_is_called(tarm: Arm)
 def test_two_that_a_file_could_not_tell_apart_are_refused() -> None:
     names = (("A2", "1@n 2@m:dx"), ("A2 1@n", "2@m:dx"))
     with pytest.raises(InputError, match="two parameters are both named 'law A2 1@n 2@m:dx'"):
-        Certainty(tuple(ArmParameter(Group(ParameterKind.LAW, flexure), name) for flexure, name in names), np.eye(2))
+        Certainty(
+            tuple(ArmParameter(ParameterGroup(ParameterKind.LAW, flexure), name) for flexure, name in names), np.eye(2)
+        )
 
 
 @pytest.mark.slow

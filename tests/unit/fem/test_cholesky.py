@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import sparse
 
-from armflex.fem.cholesky import Factor
+from armflex.fem.cholesky import CholeskyFactor
 
 
 def grid(side: int, held: float = 1e-3) -> tuple[sparse.csc_array, np.ndarray]:
@@ -35,7 +35,7 @@ def test_it_solves_as_a_dense_one(side: int, last: int, seed: int) -> None:
     order = rng.permutation(len(places))
     whole = sparse.csc_array(border)[order][:, order]
     right = rng.normal(size=(len(places), 2))
-    found = Factor(whole, places[order])
+    found = CholeskyFactor(whole, places[order])
     expected = np.linalg.solve(whole.toarray(), right)
     np.testing.assert_allclose(found.solve(right), expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
     np.testing.assert_allclose(found.solve(right[:, 0]), expected[:, 0], rtol=1e-9, atol=1e-9 * np.abs(expected).max())
@@ -44,7 +44,7 @@ def test_it_solves_as_a_dense_one(side: int, last: int, seed: int) -> None:
 def test_a_compact_solid_fills_in_little() -> None:
     """A cube of n unknowns takes about 31 n^(4/3) / 4 numbers in the order of George's dissection."""
     matrix, places = grid(16)
-    found = Factor(matrix, places)
+    found = CholeskyFactor(matrix, places)
     kept = sum(np.count_nonzero(front.factor) + front.below.size for front in found.fronts)
     assert kept < 9.0 * 16**4 * 8.0
 
@@ -52,4 +52,4 @@ def test_a_compact_solid_fills_in_little() -> None:
 def test_what_is_free_to_move_is_refused() -> None:
     matrix, places = grid(5, held=0.0)
     with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
-        Factor(matrix - 1e-9 * sparse.eye_array(len(places)), places)
+        CholeskyFactor(matrix - 1e-9 * sparse.eye_array(len(places)), places)

@@ -34,7 +34,7 @@ from armflex.laws.declared import Flexure
 from armflex.laws.joint.linear import LinearFit
 from armflex.laws.law import beyond
 from armflex.laws.learned import LearnedLaw, Learning, learned_law, seen_in
-from armflex.parameters import ArmParameter, Certainty, Group, ParameterKind
+from armflex.parameters import ArmParameter, Certainty, ParameterGroup, ParameterKind
 
 
 def ending(law: LearnedLaw, **changed: object) -> LearnedLaw:
@@ -334,7 +334,9 @@ def test_laws_of_names_that_begin_alike_are_read_with_their_own_covariance(boom,
 def test_parameters_named_alike_are_refused():
     with pytest.raises(InputError, match="law A2 1@n 2@m:dx"):
         names = (("A2", "1@n 2@m:dx"), ("A2 1@n", "2@m:dx"))
-        Certainty(tuple(ArmParameter(Group(ParameterKind.LAW, flexure), name) for flexure, name in names), np.eye(2))
+        Certainty(
+            tuple(ArmParameter(ParameterGroup(ParameterKind.LAW, flexure), name) for flexure, name in names), np.eye(2)
+        )
 
 
 @pytest.mark.slow

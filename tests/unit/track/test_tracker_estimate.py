@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from armflex.track.estimate import Seen, estimate_of, take
+from armflex.track.estimate import LinearisedReading, estimate_of, take
 
 pytestmark = pytest.mark.slow
 
@@ -17,7 +17,7 @@ def test_what_an_estimate_becomes(size, count):
     rng = np.random.default_rng(count)
     root = rng.normal(size=(count, count))
     before, columns = estimate_of(root @ root.T), rng.normal(size=(size, count))
-    seen = Seen(0.1 * rng.normal(size=size), columns)
+    seen = LinearisedReading(0.1 * rng.normal(size=size), columns)
     after, weight, _ = take(before, seen)
     covariance = before.covariance
     gain = covariance @ columns.T @ np.linalg.inv(columns @ covariance @ columns.T + np.eye(size))
