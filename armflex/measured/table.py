@@ -280,12 +280,14 @@ def _rows(path: Path, most: int | None) -> Iterator[tuple[int, list[str]]]:
         first, before = line, before + 1
         if first.strip().lower() in ("sep=,", "sep=;"):  # what Excel says to itself
             first = ""
-    bare = re.sub(r'"[^"]*"', "", first)
-    separator = max(",;\t", key=bare.count)
+    second = next(lines, "")
+    # A name may have another mark in it, and numbers a decimal comma: what separates is in both lines.
+    header, row = (re.sub(r'"[^"]*"', "", line) for line in (first, second if second.strip() else first))
+    separator = max(",;\t", key=lambda mark: min(header.count(mark), row.count(mark)))
 
     def watched() -> Iterator[str]:
         nonlocal marked
-        for line in chain((first,), lines):
+        for line in chain((first, second), lines):
             marked = marked or "'" in line
             yield line
 

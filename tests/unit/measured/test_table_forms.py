@@ -52,6 +52,13 @@ def test_a_table_is_read_as_it_comes(tarm: Arm, tmp_path: Path, name: str) -> No
     assert len(windows) == (name == "Windows-1252")
 
 
+@pytest.mark.parametrize("name", ["q_left;upper;first", "q_left;1,5;x"])
+def test_a_name_may_have_another_separator_in_it(tmp_path: Path, name: str) -> None:
+    write_table(tmp_path / "rows.csv", {name: [0.5, 1.5], "x": [1.0, 2.0]})
+    table = read_table(tmp_path / "rows.csv", {})
+    assert [column.header for column in table.columns.values()] == [name, "x"]
+
+
 @pytest.mark.parametrize(
     ("content", "match"),
     [
