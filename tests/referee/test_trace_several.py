@@ -79,9 +79,9 @@ def test_a_product_of_columns_that_change_at_a_pose_is_found_first():
 
 
 @pytest.mark.slow
-def test_an_effect_in_whose_place_nothing_is_credible_is_no_finding():
+def test_an_effect_in_whose_place_nothing_is_credible_is_at_even_odds_at_most():
     found = score("creep", 51001, "six", 0.25)
-    assert found.verdict == "exact" and len(found.found) == 1 and "it may be nothing" in found.log, found
+    assert found.first and all(right or probability < 0.75 for probability, right in found.stated), found
 
 
 @pytest.mark.slow
