@@ -13,7 +13,7 @@ from armflex.declaration import Declaration
 from armflex.errors import Flag, LawError, did_you_mean
 from armflex.laws.joint.carried import ScaledLaw
 from armflex.laws.joint.log_compliance import LOOSE, LogCompliance
-from armflex.laws.law import Law, Parameter, Ranges, Row, block_diagonal, check_ordered, embed, sole_axis
+from armflex.laws.law import Law, Parameter, Ranges, Row, block_diagonal, check_ordered, embed
 from armflex.storage.schema import Numbers
 
 SYMMETRY = 1e-9
@@ -107,7 +107,7 @@ class LinearLaw(Law):
     @cached_property
     def _sole(self) -> int | None:
         """The axis of a declared compliance that is one number."""
-        return None if self.fit is not None else sole_axis(self.compliance)
+        return None if self.fit is not None else self.sole_axis
 
     def at(self, values: Array) -> LinearLaw:
         if self._sole is not None:
