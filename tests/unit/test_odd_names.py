@@ -230,7 +230,7 @@ def test_trace_and_its_report(field: Path, tmp_path: Path) -> None:
     out, page = tmp_path / "traced.toml", tmp_path / "trace.html"
     said = done("trace", field / "arm.toml", field / "campaign.csv", "-o", out, "--report", page)
     assert "thermal_growth" in said and SCRIPT in said and "calibrating" in said
-    assert [effect.location.covariates for effect in load_arm(out).effects] == [(COLUMN,)]
+    assert {effect.location.covariates for effect in load_arm(out).effects} == {(COLUMN,)}
     found = Page(page)
     assert "script" not in found.elements and all(name in found.text for name in (*JOINTS, COLUMN))
 
