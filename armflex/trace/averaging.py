@@ -128,11 +128,17 @@ def averaged(state: State, evidence: Dense, own: Model, drawn: Sequence[Drawn]) 
     ends = np.cumsum([0, *sizes])
     slots = {number: slice(a, b) for number, a, b in zip((*mine, *kept, *rare), ends[:-1], ends[1:], strict=True)}
     amplitudes, within = np.zeros((len(drawn), ends[-1])), np.zeros((ends[-1],) * 2)
+    none = np.zeros(0, dtype=int)
     for i, one in enumerate(drawn):
-        for each, values, spread in zip(one.model, one.amplitudes, one.spreads, strict=True):
-            amplitudes[i, slots[each.number]] = values
-            if each.number not in mine:  # the fit knows those
-                within[slots[each.number], slots[each.number]] += spread / len(drawn)
+        acting = np.concatenate([none, *(np.r_[slots[each.number]] for each in one.model)])
+        amplitudes[i, acting] = np.concatenate([np.zeros(0), *one.amplitudes])
+        # The fit knows how uncertain what was found is beside none of the rivals: to that each adds, and others follow.
+        added = np.flatnonzero(~np.isin(acting, np.concatenate([none, *(np.r_[slots[number]] for number in mine)])))
+        if len(added):
+            std = np.sqrt(np.maximum(np.diag(one.spread), np.finfo(float).tiny))
+            across = (one.spread / std / std[:, None])[:, added]
+            more = across @ np.linalg.pinv(across[added], hermitian=True) @ across.T * std * std[:, None]
+            within[np.ix_(acting, acting)] += more / len(drawn)
     # What is fitted anyway as it takes over what is predicted by it.
     columns = np.hstack([np.zeros((len(fit.residual), 0)), *(_columns(evidence, n) for n in (*mine, *kept, *rare))])
     projection = evidence.projection
