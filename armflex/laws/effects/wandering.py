@@ -30,7 +30,7 @@ RATES = np.pi * (np.arange(1, WALK_TERMS + 1) - 0.5)
 
 
 def walk_terms(share: Array) -> Array:
-    """Return the (..., k) terms of a walk of unit size at (...,) shares of its time, of which the variance grows as 1."""
+    """Return the (..., k) terms of a walk at (...,) shares of its time, at the end of which its variance is 1."""
     return np.sqrt(2.0) * np.sin(RATES * share[..., None]) / RATES
 
 

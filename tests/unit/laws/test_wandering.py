@@ -1,4 +1,4 @@
-"""What wanders in time: terms of a random walk, as it was on the campaign's clock, and what is left of it afterwards."""
+"""What wanders in time: terms of a random walk, as on the campaign's clock, and what is left of it afterwards."""
 
 from __future__ import annotations
 
