@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support import six_axes
@@ -109,6 +111,15 @@ def test_a_rival_that_does_what_was_found_does_makes_readings_no_less_certain(fi
     readings = np.einsum("np,pq,nq->n", every, average.spread, every)
     np.testing.assert_allclose(readings, within, rtol=1e-3, atol=1e-3 * within.max())
     assert readings.max() < 0.1 * covariance.diagonal()[-1] * (columns[:, place] ** 2).max()
+
+    # What few models have is left out, and what it could be is no uncertainty of the rest.
+    plain = Drawn(
+        own, alone.amplitudes, np.zeros((count, count)), evidence.projection.absorbed(evidence.projection.data)
+    )
+    rare = averaged(fitted, evidence, own, [drawn, *[plain] * 30])
+    assert not rare.rivals
+    both = averaged(fitted, evidence, own, [replace(drawn, spread=0.0 * drawn.spread), *[plain] * 30])
+    np.testing.assert_allclose(rare.spread, both.spread, rtol=1e-9, atol=1e-9 * np.abs(both.spread).max())
 
 
 @pytest.mark.parametrize(("prior", "kept"), [(30.0, False), (-30.0, True)])
