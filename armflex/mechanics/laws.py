@@ -12,7 +12,7 @@ from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.laws import Law, Row
 from armflex.laws.law import NOWHERE
-from armflex.laws.terms import LEAST, MOST_FACTORS, NOTHING, UNLOADED, Factor, Kind, Neurons, Term
+from armflex.laws.terms import LEAST, MOST_FACTORS, NOTHING, UNLOADED, Curve, Factor, Neurons, Term
 from armflex.mechanics.engine.tables import Factors, Laws
 
 Motion = Callable[[Array], Array]
@@ -415,9 +415,9 @@ def _curves(numbers: Laws, places: np.ndarray, size: int, weights: Array) -> Mot
     ways, alongs, kinds = np.zeros((len(shapes), size)), np.zeros((len(at), size)), shapes[:, 0].astype(int)
     np.put_along_axis(ways, of_shape, -shapes[:, 3:9], axis=1)
     np.put_along_axis(alongs, at, numbers.bent[:, 36:42], axis=1)
-    bias, raised = shapes[:, 1] * np.isin(kinds, (Kind.TANH, Kind.RAMP)), np.flatnonzero(kinds == Kind.RAISED)
-    each = ((Kind.SIZE, np.abs), (Kind.CLIPPED, lambda x: np.minimum(np.maximum(x, -1.0), 1.0)), (Kind.TANH, np.tanh),
-            (Kind.RAMP, lambda x: np.maximum(x, 0.0)))  # fmt: skip
+    bias, raised = shapes[:, 1] * np.isin(kinds, (Curve.TANH, Curve.RAMP)), np.flatnonzero(kinds == Curve.RAISED)
+    each = ((Curve.SIZE, np.abs), (Curve.CLIPPED, lambda x: np.clip(x, -1.0, 1.0)), (Curve.TANH, np.tanh),
+            (Curve.RAMP, lambda x: np.maximum(x, 0.0)))  # fmt: skip
     bounds = [(np.flatnonzero(kinds == kind), shape) for kind, shape in each if (kinds == kind).any()]
     exponents, more, loads = shapes[raised, 2], shapes[raised, 1], of_shape[raised]
     forms = _stacked(shapes[raised, 9:].reshape(-1, 6, 6), loads, size)
