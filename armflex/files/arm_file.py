@@ -210,8 +210,8 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
     ):
         for name in [flexure.name for flexure in taken if flexure.name in tables]:
             raise tables[name].fail("joint", text.format(name))
-    flexures = _along(robot, bent, [_read_flexure(name, table, robot) for name, table in tables.items()])
-    flexures = (*flexures, *tied)
+    read = [_read_flexure(name, table, robot) for name, table in tables.items()]
+    flexures = (*_along(robot, bent, read), *tied)
     springs = tuple(read_spring(name, table, robot) for name, table in root.subs("spring").items())
     measurement, uncertain = _read_measurement(root)
     prior = _read_prior(root.part("prior"))
@@ -219,8 +219,8 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
     sensors = read_sensors(root.subs("instrument"), robot)
     effects, calibrated = root.array_of("effect"), root.has("calibration")
     root.finish()
-    stated = [name for name, table in tables.items() if "joint_stiffness" in table.table]
-    flags = [*robot.flags, *flags, *_questions(flexures, robot, stated), *_long(robot, springs), *uncertain]
+    asked = _questions(flexures, robot, [name for name in tables if "joint_stiffness" in tables[name].table])
+    flags = [*robot.flags, *flags, *asked, *_long(robot, springs), *uncertain]
     arm = Arm(
         robot,
         flexures,

@@ -150,17 +150,8 @@ def plan(
     goal = _goal(before, model, every, hypotheses, along)
     tick(1, ROUNDS + 1)
 
-    # The best of all that is offered, then of what is near it; the most informative first.
-    rng, here, near, gram, width = np.random.default_rng(seed), offer, every, model.known, WIDTH
-    chosen = exchanged(goal, gram, every, greedy(goal, gram, every, rows), 3)
-    for number in range(ROUNDS):
-        here = around(reach, before.setup, here.box[chosen], width, NEAR, rng)
-        width *= NARROWER
-        near = model.rows(here)
-        chosen = exchanged(goal, gram, near, range(rows), 2)
-        tick(number + 2, ROUNDS + 1)
-    best = np.array(chosen)[greedy(goal, gram, near[chosen], rows)]
-    informing = near[best]
+    gram = model.known
+    here, best, informing = _chosen(before, reach, offer, model, goal, rows, seed, every, tick)
 
     reached = path(goal, gram, informing)
     start = np.clip(np.zeros(len(reach.lower)), reach.lower, reach.upper)
@@ -186,6 +177,33 @@ def plan(
         flags=flags,
         units={} if after is None else after.units,
     )
+
+
+def _chosen(
+    before: Before,
+    reach: Reach,
+    offer: Offer,
+    model: DesignModel,
+    goal: Goal,
+    count: int,
+    seed: int,
+    every: Array,
+    tick: Callable[[int, int], None],
+) -> tuple[Offer, np.ndarray, Array]:
+    """Return rows, the numbers of the best of them, the most informative first, and what these inform.
+
+    The best of all that is offered, then of what is near it.
+    """
+    rng, here, near, gram, width = np.random.default_rng(seed), offer, every, model.known, WIDTH
+    chosen = exchanged(goal, gram, every, greedy(goal, gram, every, count), 3)
+    for number in range(ROUNDS):
+        here = around(reach, before.setup, here.box[chosen], width, NEAR, rng)
+        near = model.rows(here)
+        chosen = exchanged(goal, gram, near, range(count), 2)
+        width *= NARROWER
+        tick(number + 2, ROUNDS + 1)
+    best = np.array(chosen)[greedy(goal, gram, near[chosen], count)]
+    return here, best, near[best]
 
 
 def _rivals(between: Sequence[str], arm: Arm, settable: tuple[str, ...]) -> list[Effect]:
