@@ -347,7 +347,9 @@ class Reader:
         text = element.get(key)
         if text is None:
             strange = [str(name) for name in element.attrib if name not in ATTRIBUTES.get(element.tag, ())]
-            misspelt = next((name for name in strange if did_you_mean(name, [key])), None)
+            near = [name for name in strange if did_you_mean(name, [key])]
+            placed = [name for name in strange if element.tag == "origin" and not name.startswith("{")]  # quat_xyzw
+            misspelt = next(iter(near + placed), None)
             if default is None or misspelt:
                 hint = f"; {misspelt!r} is not known" if misspelt else ""
                 raise self.fail(element, f"<{element.tag}> needs {key!r}{hint}")
