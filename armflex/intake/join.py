@@ -31,7 +31,7 @@ from armflex.files.arm_file import ROBOTS
 from armflex.intake.bags import together
 from armflex.intake.clock import counted, doubt, goes_back, times
 from armflex.intake.dh import UPRIGHT, DhTable, arm_text, is_dh, read_dh
-from armflex.intake.lost import without_lost
+from armflex.intake.lost import emptied, without_lost
 from armflex.intake.meanings import (
     ANGLE_UNITS,
     ANGLES,
@@ -56,6 +56,7 @@ from armflex.intake.streams import (
     between,
     contradiction,
     dwells,
+    held,
     is_dense,
     is_sampled,
     never_there,
@@ -534,6 +535,11 @@ def _standing(
                 shifts[path] = offset(clocks[log], moved[log][0], clocks[i], moved[i][0])
                 notes.append(f"the clock of {sources[i].title} is {shifts[path]:+.3f} s off, as the motions say")
             shift = shifts[path]
+            order, places = np.argsort(clocks[i], kind="stable"), moved[i][0]
+            gone = np.zeros(len(places), dtype=bool)
+            gone[order] = held(places[order], clocks[i][order], spans + shift)
+            if gone.any():
+                sources[i] = emptied(sources[i], understood[i], gone, "is exactly where it was before")
         sources[i], understood[i] = _one_sided(sources[i], understood[i])
         sources[i] = _within_turn(reduced(sources[i], clocks[i], spans, shift), written[i], understood[i])
         understood[i] = tuple(
@@ -940,7 +946,7 @@ def _joined(
         given, wanted = list(map(str, given or ())), names
         if (pictured := _cells(log, of_log, "picture")) is not None:
             wanted = [Path(str(picture)).stem for picture in pictured]
-    labels = [str(label).split("::")[-1].strip() for label in given or [""] * len(export.lines)]
+    labels = [str(label).split("::")[-1].strip() for label in ([""] * len(export.lines) if given is None else given)]
     split = [(match[1], match[2]) if (match := TARGET.fullmatch(label)) else (label, "") for label in labels]
     targets = sorted({target for _, target in split})
     if len(targets) < 2 or len({base for base, _ in split}) < 2 or what == "picture":

@@ -30,6 +30,9 @@ FASTEST = 15.0
 WRAPS = 0.3
 """A step within so much [rad] of a full turn is a controller's that counts within one."""
 
+HELD = 10
+"""Rows that are equal to the last digit: fewer are chance."""
+
 TIMES = 3
 """So many contradictions are a second source; one alone may be a glitch."""
 
@@ -158,6 +161,26 @@ def never_there(time: Array, values: Array) -> np.ndarray:
     jumps = edges[(steps > APART) & (steps > FASTEST * np.maximum(time[edges + 1] - time[edges], 1e-3))]
     runs = np.cumsum(np.concatenate([[0], np.diff(zero.astype(int)) != 0]))
     return zero & np.isin(runs, np.concatenate([runs[jumps], runs[jumps + 1]]))
+
+
+def held(places: Array, time: Array, spans: Array) -> np.ndarray:
+    """Return (N,) which rows of a target are the last place again, of an instrument that holds it where it reads none.
+
+    Such are rows that are equal over `HELD` and more, of a target that is otherwise not at one place twice while the
+    arm stands: noise sees to that.
+
+    Args:
+        places: (N, 3), ascending in time.
+        time: (N,) [s].
+        spans: (K, 2) first and last time [s] of each stand.
+    """
+    same = np.concatenate([[False], (np.diff(places, axis=0) == 0.0).all(axis=1)])
+    run = np.cumsum(~same)
+    lasts = np.bincount(run)[run] >= HELD
+    index = np.searchsorted(spans[:, 0], time, "right") - 1
+    fresh = (index >= 0) & (time <= spans[index, 1]) & ~lasts
+    noisy = np.count_nonzero(fresh) >= HELD * len(spans) and np.count_nonzero(same & fresh) < 0.05 * fresh.sum()
+    return lasts & noisy & same
 
 
 def dwells(time: Array, values: Array, unit: str) -> Array:

@@ -420,10 +420,10 @@ class Reader:
         origin = self.only(element, "origin")
         if origin is None:
             return np.zeros(3), np.eye(3)
-        rpy = self.numbers(origin, "rpy", 3, "0 0 0")
+        xyz, rpy = (self.numbers(origin, key, 3, "0 0 0") for key in ("xyz", "rpy"))
         if np.abs(rpy).max() > 2.0 * np.pi:
             self.flag(origin, "rpy_in_degrees", f"rpy {origin.get('rpy')!r} exceeds a full turn: degrees?")
-        return self.numbers(origin, "xyz", 3, "0 0 0"), pin.rpy.rpyToMatrix(rpy)
+        return xyz, pin.rpy.rpyToMatrix(rpy)
 
 
 Named = TypeVar("Named", Link, Joint)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.recordings import NAMES, POSES, SEEN, TT, TURNED, Q, T, bag, c3d, log, motive, tip
+from support.recordings import NAMES, POSES, SEEN, TT, TURNED, XYZ, Q, T, bag, c3d, log, motive, tip
 
 from armflex.errors import InputError, TableError
 from armflex.intake import intake
@@ -41,6 +41,51 @@ def test_a_lost_target_is_in_no_mean(tmp_path: Path, empty: str) -> None:
     found = intake([log(tmp_path), export(tmp_path, rows)], 5e-5)
     fits(found)
     assert any("have no reading" in note for note in found.notes) == (empty != ",,,")
+
+
+@pytest.mark.parametrize(
+    ("header", "gone", "there"),
+    [("Valid", "0", "1"), ("is_tracked", "no", "yes"), ("tracking_state", "0", "2"), ("confidence", "0.0", "0.97"),
+     ("NumMarkers", "0", "4"), ("occluded", "1", "0"), ("Lost", "True", "False"), ("status", "out of view", "ok"),
+     ("flags", "invalid", "")],
+)  # fmt: skip
+def test_a_column_that_says_lost_is_believed(tmp_path: Path, header: str, gone: str, there: str) -> None:
+    places = [MM[0] + 500.0 if i % 7 == 0 else place for i, place in enumerate(MM)]
+    rows = [f"{t:.3f},{x:.4f},{y:.4f},{z:.4f},{gone if i % 7 == 0 else there}"
+            for i, (t, (x, y, z)) in enumerate(zip(TT, places, strict=True))]  # fmt: skip
+    fits(intake([log(tmp_path), export(tmp_path, rows, f"time,x_mm,y_mm,z_mm,{header}")], 5e-5))
+
+
+def test_a_place_that_is_held_is_no_reading(tmp_path: Path) -> None:
+    """An instrument repeats its last place where it reads none; one without noise does not hold it."""
+    places = MM.copy()
+    for i in range(1, len(MM)):
+        if i % 100 < 40:
+            places[i] = places[i - 1]
+    rows = [f"{t:.3f},{x:.4f},{y:.4f},{z:.4f}" for t, (x, y, z) in zip(TT, places, strict=True)]
+    found = intake([log(tmp_path), export(tmp_path, rows)], 5e-5)
+    fits(found)
+    assert any("is exactly where it was before" in note for note in found.notes)
+    rows = [f"{t:.3f},{x:.2f},{y:.2f},{z:.2f}" for t, (x, y, z) in zip(TT, 1e3 * XYZ, strict=True)]
+    found = intake([log(tmp_path), export(tmp_path, rows)], 5e-5)
+    fits(found)
+    assert not any("where it was before" in note for note in found.notes)
+
+
+def test_rows_of_several_targets_are_of_each(tmp_path: Path) -> None:
+    rows = [f"{t:.3f},{name},{x + off:.4f},{y:.4f},{z:.4f}" for t, (x, y, z) in zip(TT, MM, strict=True)
+            for name, off in (("m1", 0.0), ("m2", 30.0))]  # fmt: skip
+    paths = [log(tmp_path), export(tmp_path, rows, "time,marker,x_mm,y_mm,z_mm")]
+    with pytest.raises(InputError, match="several could be the target: m1, m2: --target 'm1'"):
+        intake(paths, 5e-5)
+    fits(intake(paths, 5e-5, targets=["m1"]))
+
+
+def test_a_first_row_with_a_text_is_no_header(tmp_path: Path) -> None:
+    rows = [f"{t:.3f},{x:.4f},{y:.4f},{z:.4f}" for t, (x, y, z) in zip(TT, MM, strict=True)]
+    rows[0] = "0.000,OOV,OOV,OOV"
+    with pytest.raises(InputError, match=r"export.csv:2: 'x_mm' is 'OOV', expected a number"):
+        intake([log(tmp_path), export(tmp_path, rows)], 5e-5)
 
 
 def test_places_that_are_round_are_not_lost() -> None:
