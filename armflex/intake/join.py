@@ -398,7 +398,8 @@ def _as_robot(of_log: tuple[Meaning, ...], robot: Robot) -> tuple[tuple[Meaning,
             for meaning in of_log
         ), []
     numbered = [re.fullmatch(r"\D*?(\d)", joint) for joint in named]
-    if [match and int(match[1]) for match in numbered] != list(range(1, len(moving) + 1)):
+    counts = [match and int(match[1]) for match in numbered]
+    if counts not in (list(range(1, len(moving) + 1)), list(range(len(moving)))):
         text = f"the log has joints {listing(named)}, and {robot.urdf.path.name} has {listing(moving)}"
         return of_log, [f"{text}: --take 'COLUMN=q_{moving[0]}'"]
     by = dict(zip(named, moving, strict=True))

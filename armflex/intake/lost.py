@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 THERE = r"valid(?:ity)?|(?:is[ _]?)?tracked|tracking(?:[ _]?state)?|visible|visibility|confidence|quality|found"
 GONE = r"occluded|lost|missing|invalid|out[ _]?of[ _]?(?:view|range|volume)"
 SEEN_BY = r"(?:num(?:ber)?[ _]?(?:of[ _]?)?)?(?:markers|cameras)(?:[ _]?(?:count|used|seen))?"
-STATE = re.compile(rf"(?:.*[\W_])??(?:(?P<there>{THERE}|{SEEN_BY})|(?P<gone>{GONE})|state|status|flags?)", re.IGNORECASE)
+STATE = re.compile(
+    rf"(?:.*[\W_])??(?:(?P<there>{THERE}|{SEEN_BY})|(?P<gone>{GONE})|state|status|flags?)", re.IGNORECASE
+)
 """Header of a column that says whether the target was read, or was not."""
 
 NO, YES = re.compile(r"0(?:\.0*)?|false|f|no|n", re.IGNORECASE), re.compile(r"1(?:\.0*)?|true|t|yes|y", re.IGNORECASE)
