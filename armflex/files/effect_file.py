@@ -92,7 +92,7 @@ def _seen(ranges: Declaration, called: str, columns: Sequence[str]) -> tuple[tup
             raise ranges.fail(name, f"{text} (it depends on: {listing(columns)})")
         if low > high:
             raise ranges.fail(name, f"expected the smaller first, got {low:g} and {high:g}")
-    return tuple((name, *map(float, ends)) for name, ends in by_name.items())
+    return tuple((name, float(low), float(high)) for name, (low, high) in by_name.items())
 
 
 def _inner(table: Declaration, law: EffectLaw, values: Mapping[str, float]) -> list[float]:

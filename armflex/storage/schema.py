@@ -144,7 +144,7 @@ def typed(expected: Any, value: Any, where: str, makers: Makers = MappingProxyTy
         return expected(**_record({field.name: hints[field.name] for field in fields(expected)}, value, where, makers))
     if origin in (Union, types.UnionType):
         return _any_of(parts, value, where, makers)
-    if origin is Literal and not (isinstance(value, str) and value in parts):
+    if origin is Literal and value not in [part for part in parts if isinstance(value, str)]:
         raise ValueError(f"{where} is {shown(value, 60)}, which is not known{did_you_mean(str(value)[:100], parts)}")
     if origin is dict and isinstance(value, dict):
         return {typed(str, key, where): typed(parts[1], part, f"{where}.{key}", makers) for key, part in value.items()}
