@@ -152,12 +152,10 @@ def typed(expected: Any, value: Any, where: str, makers: Makers = MappingProxyTy
     if origin in (list, tuple) and isinstance(value, list) and (not fixed or len(parts) == len(value)):
         pairs = enumerate(zip(parts if fixed else parts[:1] * len(value), value, strict=True))
         return origin(typed(kind, part, f"{where}[{i}]", makers) for i, (kind, part) in pairs)
-    if (
-        expected is Any
-        or origin is Literal
-        or (isinstance(expected, type) and expected in _PLAIN and _PLAIN[expected](value))
-    ):
-        return float(value) if expected is float else value
+    is_plain = isinstance(expected, type) and expected in _PLAIN and _PLAIN[expected](value)
+    if expected is Any or origin is Literal or is_plain:
+        number: Any = value
+        return float(number) if expected is float else number
     name = expected.__name__ if get_origin(expected) is None else str(expected).partition("[")[0]
     raise ValueError(f"{where} is {shown(value, 60)}, expected {name}")
 
