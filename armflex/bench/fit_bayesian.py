@@ -89,7 +89,7 @@ class NetworkPrior:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class ChainDraws:
     """One chain: (n, P) `weights`, (n, k) `noise`, and how its steps went."""
 
     weights: Array
@@ -208,7 +208,7 @@ def sample(problem: NetworkProblem, sampler: str, seed: int, chains: int, draws:
     return posterior
 
 
-def _judged(problem: NetworkProblem, chains: list[Drawn], seconds: float) -> Posterior:
+def _judged(problem: NetworkProblem, chains: list[ChainDraws], seconds: float) -> Posterior:
     weights, noise = (np.array([getattr(chain, name) for chain in chains]) for name in ("weights", "noise"))
     given = np.array([predictions(problem, each) for each in weights])
     parts = {"predictions": diagnose(given.reshape(*given.shape[:2], -1)), "noise": diagnose(np.log(noise))}
@@ -220,15 +220,15 @@ def _judged(problem: NetworkProblem, chains: list[Drawn], seconds: float) -> Pos
     return Posterior(weights, noise, Diagnostics(rhat_max, ess_min, divergences, acceptance, seconds), parts)
 
 
-def _nuts_chain(density: Collapsed, mode: Array, draws: int, seed: np.random.SeedSequence, **aims: Any) -> Drawn:
+def _nuts_chain(density: Collapsed, mode: Array, draws: int, seed: np.random.SeedSequence, **aims: Any) -> ChainDraws:
     sampling, drawing = seed.spawn(2)
     walk = no_u_turn(density, mode, whitening(density, mode), draws, TUNE, sampling, **aims)
     rng = np.random.default_rng(drawing)
     weights = np.array([density.redraw(theta, rng) for theta in walk.draws])
-    return Drawn(weights, density.noise(walk.draws), walk.divergences, walk.acceptance)
+    return ChainDraws(weights, density.noise(walk.draws), walk.divergences, walk.acceptance)
 
 
-def _metropolis_chain(density: Collapsed, mode: Array, draws: int, seed: np.random.SeedSequence) -> Drawn:
+def _metropolis_chain(density: Collapsed, mode: Array, draws: int, seed: np.random.SeedSequence) -> ChainDraws:
     """Return a chain that starts better than the paper's, from a maximum and the covariance there.
 
     As many steps of burn-in come before its draws.
@@ -254,7 +254,7 @@ def _metropolis_chain(density: Collapsed, mode: Array, draws: int, seed: np.rand
         noise_prior=(prior.noise_shape, prior.noise_scale),
     )
     stride = -(-draws // KEPT)
-    return Drawn(chain.draws[::stride], np.sqrt(chain.variances[::stride]), None, chain.acceptance)
+    return ChainDraws(chain.draws[::stride], np.sqrt(chain.variances[::stride]), None, chain.acceptance)
 
 
 WALKS = {"nuts": tuple(partial(_nuts_chain, **aims) for aims in ATTEMPTS), "metropolis": (_metropolis_chain,)}

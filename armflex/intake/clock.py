@@ -10,15 +10,18 @@ from datetime import UTC, datetime
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.intake.meanings import BY_SIZE, TIME_UNITS, Meaning
+from armflex.intake.meanings import BY_SIZE, TIME_UNITS, UNTIL, Meaning
 from armflex.intake.sources import SourceTable, numbers
 from armflex.intake.streams import DENSE, is_sampled, spread
 
 CLOCK = re.compile(
-    r"(?:(\d{1,4})([./-])(\d{1,2})[./-](\d{2,4}))?[ T,]*(\d{1,2}):(\d\d)(?::(\d\d(?:[.,]\d+)?))?\s*([ap]m)?\D*",
+    r"(?:(\d{1,4})([./-])(\d{1,2})[./-](\d{2,4}))?[ T,]*(\d{1,2}):(\d\d)(?::(\d\d(?:[.,:]\d+)?))?\s*([ap]m)?\D*",
     re.IGNORECASE,
 )
 """A clock's time, after a day or without one."""
+
+FASTEST = 1e-4
+"""Tolerance: no controller logs its joints more often [s]."""
 
 COUNTED = ("ms", "us", "ns")
 """Units that a clock may count without saying so, each where the next larger one would be beyond `DENSE`."""
@@ -75,10 +78,39 @@ def counted(source: SourceTable, meant: Sequence[Meaning], moved: Array, unit: s
     if step * TIME_UNITS[meant[at].unit or "s"] <= DENSE:
         return tuple(meant)
     for name in COUNTED:
+        if np.nanmax(raw) * TIME_UNITS[name] > UNTIL:
+            continue
         if DENSE < step <= DENSE / TIME_UNITS[name] and is_sampled(raw * TIME_UNITS[name], moved, unit):
             why = f"steps of {step:.4g}: samples of a motion"
             return (*meant[:at], replace(meant[at], unit=name, why=why), *meant[at + 1 :])
     return tuple(meant)
+
+
+def doubt(source: SourceTable, meant: Sequence[Meaning]) -> str:
+    """Return why the times of a file are of no clock that is known, as its unit is stated nowhere."""
+    clock = next((one for one in meant if (one.kind, one.name) == ("time", "time")), None)
+    time = times(source, meant) if clock is not None and clock.unit == "" else None
+    if clock is None or time is None or not (read := np.isfinite(time)).any():
+        return ""
+    steps = np.diff(np.unique(time[read]))
+    step, last = float(np.median(steps)) if len(steps) else 1.0, float(time[read].max())
+    if last <= UNTIL and step >= FASTEST:
+        return ""
+    text = f"is {last:.6g}, no time since 1970 in any unit" if last > UNTIL else f"has steps of {step:.3g} s"
+    return f"{source.path}: {clock.column!r} {text}: convert it to s, or --take '{clock.column}=time_ms' says its unit"
+
+
+def goes_back(time: Array, values: Array) -> int | None:
+    """Return the row at which a clock is set back, None where it runs on, or down all the way.
+
+    Args:
+        time: (N,) [s], as written.
+        values: (N, d) of which the first is read in all rows that count; other rows are of other topics.
+    """
+    rows = np.flatnonzero(np.isfinite(values[:, 0]))
+    steps = np.diff(time[rows])
+    back = np.flatnonzero(steps < -DENSE)
+    return int(rows[back[0] + 1]) if len(back) and len(back) < 0.5 * len(steps) else None
 
 
 def _seconds(text: str) -> float | None:
@@ -103,4 +135,4 @@ def _seconds(text: str) -> float | None:
         except ValueError:
             return None
     hour = int(hours) % 12 + 12 * (half.lower() == "pm") if half else int(hours)
-    return day + 3600.0 * hour + 60.0 * int(minutes) + float((seconds or "0").replace(",", "."))
+    return day + 3600.0 * hour + 60.0 * int(minutes) + float(re.sub("[,:]", ".", seconds or "0"))

@@ -9,18 +9,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armflex.conventions import UNITS, Array
-from armflex.errors import ManyErrors, Place, TableError
-from armflex.intake.meanings import BRACKETS, Ask
+from armflex.conventions import Array
+from armflex.errors import ManyErrors, Place, TableError, listing
+from armflex.intake.meanings import ANGLE_UNITS, BEHIND, BRACKETS, Ask
 from armflex.intake.sources import SourceTable
 from armflex.measured.points import LENGTHS
 
 PARAMETERS = {
-    "theta": r"(?:theta|θ|th|ϑ)(?:_?i)?",
-    "d": r"d(?:_?i)?",
-    "a": r"(?:a|r)(?:_?i|_?\(?i ?- ?1\)?)?",
-    "alpha": r"(?:alpha|α|al)(?:_?i|_?\(?i ?- ?1\)?)?",
-    "beta": r"(?:beta|β)(?:_?i|_?\(?i ?- ?1\)?)?",
+    "theta": r"(?:theta|θ|th|ϑ)(?:_?\(?i\)?)?",
+    "d": r"d(?:_?\(?i\)?)?",
+    "a": r"(?:a|r)(?:_?\(?i(?: ?- ?1)?\)?)?",
+    "alpha": r"(?:alpha|α|al)(?:_?\(?i(?: ?- ?1)?\)?)?",
+    "beta": r"(?:beta|β)(?:_?\(?i(?: ?- ?1)?\)?)?",
     "offset": r"(?:(?:theta|θ|th|ϑ|q|joint)?[ _]?off(?:set)?(?:_?i)?)",
     "home": r"(?:(?:theta|θ|th|ϑ|q)[ _]?(?:0|home)|home|zero)(?: ?(?:position|angle))?",
 }
@@ -45,8 +45,15 @@ BESIDE = re.compile(
 )
 """Columns beside those of the geometry, which is the same without them."""
 
-VARIABLE = r"(?P<variable>(?:q|theta|θ|ϑ|th)_?\d*\*?|d_?\d*\*)"
-CONSTANT = r"(?P<sign>[+-]?)(?:(?P<number>\d+\.?\d*(?:e[+-]?\d+)?|\.\d+)?(?P<pi>\*?pi)?(?:/(?P<per>\d+\.?\d*))?)"
+FACTOR = r"(?:\d+\.?\d*(?:e[+-]?\d+)?|\.\d+|pi)"
+CONSTANT = rf"(?P<constant>[+-]?{FACTOR}(?:[*/]?{FACTOR})*)"
+INDEX = re.compile(
+    r"#|i|j|n|(?:joint|axis|achse|gelenk|link|row|zeile|frame)[ _]?(?:nr|no|number|index|id|name)?\.?", re.IGNORECASE
+)
+COUNT = re.compile(r"[^\W\d_]*[ _]?(\d+)(?:\.0*)?", re.IGNORECASE)
+"""Columns that count the rows, and their cells: 1, J1, Joint 1."""
+
+VARIABLE = r"(?P<variable>(?:(?:q|theta|θ|ϑ|th)_?(?P<turning>\d*)\*?|d_?(?P<sliding>\d*)\*))"
 CELLS = [
     re.compile(pattern) for pattern in (CONSTANT, rf"{VARIABLE}(?:(?=[+-]){CONSTANT})?", rf"{CONSTANT}\+{VARIABLE}")
 ]
@@ -127,23 +134,31 @@ def read_dh(source: SourceTable, form: str | None, ask: Ask | None, unused: Coll
     for name in (name for name in cells if name not in WORDS):
         read = [_number(str(cell)) for cell in cells[name]]
         for i, cell_read in enumerate(read):
-            if cell_read is None or (cell_read[2] and name not in ("theta", "d")):
+            if cell_read is None or (cell_read[2] is not None and name not in ("theta", "d")):
                 place, header = Place(path, source.lines[i]), source.header[column_of[name][0]]
                 raise TableError(place, f"{header!r} is {str(cells[name][i])!r}, expected a number")
         parts[name] = np.array([cell[0] for cell in read if cell])
         written[name] = any(cell[1] for cell in read if cell)
-        moved[name] = np.array([cell[2] for cell in read if cell])
+        moved[name] = np.array([cell[2] is not None for cell in read if cell])
+        counted = [(i, int(cell[2])) for i, cell in enumerate(read) if cell and cell[2]]
+        for i, number in counted:
+            if number - i != counted[0][1] - counted[0][0]:
+                text = f"{str(cells[name][i])!r} is of another joint than that of its row: put the rows in their order"
+                wrong.append(f"{Place(path, source.lines[i])}: {text}")
     for name, values in parts.items():
         at, unit = column_of[name]
         length, why = name in "da", "its header"
-        units, alike = (LENGTHS if length else UNITS["angle"]), [part for part in parts if (part in "da") == length]
+        units, alike = (LENGTHS if length else ANGLE_UNITS), [part for part in parts if (part in "da") == length]
         largest = max(float(np.abs(parts[part]).max()) for part in alike)
         if any(written[part] for part in alike):
             if (unit or "rad") != "rad" or (largest > RIGHT and any(not column_of[part][1] for part in alike)):
                 wrong.append(f"{path}: {source.header[at]!r} is among angles with pi, and others are in degrees")
                 continue
             unit, why = "rad", why if unit else "written with pi"
-        if unit not in units:
+        if unit and unit not in units:
+            wrong.append(f"{path}: {source.header[at]!r} is in {unit!r}, which is not known ({listing(units, 6)})")
+            continue
+        if not unit:
             if not length and largest > RIGHT:
                 unit, why = "deg", f"a value of {largest:g} is no angle in rad"
             elif length and largest > 20.0:
@@ -183,7 +198,12 @@ def read_dh(source: SourceTable, form: str | None, ask: Ask | None, unused: Coll
     for i, name in enumerate(source.header):
         if i in columns and name not in unused:
             continue
-        if name in unused or BESIDE.fullmatch(_bare(name)[0]):
+        counts = [int(match[1]) for cell in source.columns[i] if (match := COUNT.fullmatch(str(cell)))]
+        if name not in unused and len(counts) == count and (np.diff(counts) != 1).any() and INDEX.fullmatch(name):
+            wrong.append(
+                f"{path}: {name!r} is {listing(map(str, counts), 8)}: put the rows in their order, base to tip"
+            )
+        elif name in unused or BESIDE.fullmatch(_bare(name)[0]):
             taken.append((name, "not used", "", "as asked" if name in unused else "no part of the geometry"))
         else:
             text = f"{name!r} beside DH parameters is not known: --take '{name}=unused' leaves it out"
@@ -210,17 +230,26 @@ def _same_way(header: str, cell: str) -> bool:
     return bool(SAME_WAY.fullmatch(cell)) and ("1" not in cell if flips else "0" not in cell)
 
 
-def _number(cell: str) -> tuple[float, bool, bool] | None:
-    """Return a cell's number, whether it is written with pi, and whether the joint's variable stands there as well."""
-    text = re.sub(r"[\s°]|deg|rad", "", cell.lower()).replace("π", "pi").replace("−", "-").replace("∗", "*")
+def _number(cell: str) -> tuple[float, bool, str | None] | None:
+    """Return a cell's number, whether it is written with pi, and the number of a joint's variable in it, '' of none.
+
+    None instead of that where no variable stands there, and instead of all where the cell is no number.
+    """
+    text = re.sub(r"[\s°()]|deg|rad|(?:np|numpy|math)\.", "", cell.lower())
+    text = text.replace("π", "pi").replace("−", "-").replace("∗", "*")
     match = next((match for pattern in CELLS if (match := pattern.fullmatch(text))), None)
-    if match is None or not text:
+    if match is None:
         return None
-    parts, variable = match.groupdict(), bool(match.groupdict().get("variable"))
-    if not (parts["number"] or parts["pi"]) and (parts["sign"] or parts["per"] or not variable):
-        return None
-    size = float(parts["number"] or (1.0 if parts["pi"] else 0.0)) * (np.pi if parts["pi"] else 1.0)
-    return (-size if parts["sign"] == "-" else size) / float(parts["per"] or 1.0), bool(parts["pi"]), variable
+    parts, size = match.groupdict(), 0.0
+    if constant := parts["constant"]:
+        size = -1.0 if constant.startswith("-") else 1.0
+        for sign, factor in re.findall(rf"([*/]?)({FACTOR})", constant):
+            value = np.pi if factor == "pi" else float(factor)
+            if sign == "/" and value == 0.0:
+                return None
+            size = size / value if sign == "/" else size * value
+    number = (parts["turning"] or parts["sliding"] or "") if parts.get("variable") else None
+    return size, "pi" in (constant or ""), number
 
 
 def arm_text(robot: Sequence[str], tip: str, declare: str, tracked: bool) -> str:
@@ -243,14 +272,13 @@ def arm_text(robot: Sequence[str], tip: str, declare: str, tracked: bool) -> str
 
 def _bare(header: str) -> tuple[str, str]:
     """Return a column's name and its unit, '' where the header has none."""
-    text = header.strip()
-    unit = ""
-    if match := BRACKETS.fullmatch(text):
-        if not re.fullmatch(r"i ?- ?1", match[2].strip()):
-            text, unit = match[1], match[2].lower().replace("°", "deg").replace("degrees", "deg")
-    elif text.rpartition("_")[2].lower() in {*LENGTHS, *UNITS["angle"]} and "_" in text:
-        text, _, unit = text.rpartition("_")
-    return text.strip().lower(), unit.lower()
+    text, unit = header.strip().replace("−", "-"), ""
+    match = BRACKETS.fullmatch(text)
+    if match and not re.fullmatch(r"i(?: ?- ?1)?", match[2].strip()):
+        text, unit = match[1], match[2]
+    elif not match and (match := BEHIND.fullmatch(text)):
+        text, unit = match["base"], match["short"] or match["unit"]
+    return text.strip().lower(), unit.lower().replace("°", "deg")
 
 
 def _columns(source: SourceTable) -> dict[str, tuple[int, str]]:

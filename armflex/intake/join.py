@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from armflex.conventions import LARGEST, NUMBER, UNITS, Array
+from armflex.conventions import LARGEST, NUMBER, Array
 from armflex.errors import (
     FEW,
     InputError,
@@ -29,10 +29,22 @@ from armflex.errors import (
 )
 from armflex.files.arm_file import ROBOTS
 from armflex.intake.bags import together
-from armflex.intake.clock import counted, times
+from armflex.intake.clock import counted, doubt, goes_back, times
 from armflex.intake.dh import UPRIGHT, DhTable, arm_text, is_dh, read_dh
 from armflex.intake.lost import without_lost
-from armflex.intake.meanings import ANGLES, COUNTS, ROUNDED, UR, VECTOR, Ask, Meaning, meanings
+from armflex.intake.meanings import (
+    ANGLE_UNITS,
+    ANGLES,
+    COUNTS,
+    ROUNDED,
+    SINCE_1970,
+    TIME_UNITS,
+    UR,
+    VECTOR,
+    Ask,
+    Meaning,
+    meanings,
+)
 from armflex.intake.names import is_resorted, paired_names
 from armflex.intake.picture_files import camera
 from armflex.intake.pointing import Run, instrument_text, is_pointing, meanings_of, mount_text, read_pointing
@@ -62,9 +74,6 @@ TURNS = ("a", "b", "c", "w", "p", "r", "rx", "ry", "rz")
 
 DIGITS = 12
 """Decimals of a metre or a radian: further ones are of a conversion."""
-
-SINCE_1970 = 9e8
-"""Times [s] beyond this have a date: no other clock runs for 28 years."""
 
 CIRCUMSTANCE = re.compile(
     r".*(?:temp|mass|gewicht|weight|humid|feucht|press|druck|operator|bediener).*"
@@ -471,11 +480,14 @@ def _standing(
         InputError: The arm never stands, or two recordings do not match.
     """
     clocks, notes, shifts = dict[int, Array](), list[str](), dict[Path, float]()
-    sources = [_filled(source, meant) for source, meant in zip(sources, understood, strict=True)]
+    written, sources = sources, [_filled(source, meant) for source, meant in zip(sources, understood, strict=True)]
     moved = {i: _moved(sources[i], understood[i]) for i in (log, *exports)}
     for i, (values, unit) in moved.items():
         if (time := times(sources[i], understood[i])) is not None and is_dense(even := spread(time), values, unit):
             clocks[i] = even
+            if (row := goes_back(time, _moved(written[i], understood[i])[0])) is not None:
+                text = f"its clock goes back {time[row - 1] - time[row]:.4g} s here: it was set again, or counts over"
+                raise TableError(Place(sources[i].path, sources[i].lines[row]), f"{text}: part the file there")
             if not np.array_equal(time, even):
                 stamps = f"{len(np.unique(time))} stamps for {len(time)} rows"
                 notes.append(f"the clock of {sources[i].title} repeats itself ({stamps}): rows are spread between them")
@@ -491,8 +503,8 @@ def _standing(
     within = [(clocks[first] >= start) & (clocks[first] <= end) for start, end in spans]
     spans = spans[[bool(np.isfinite(values[rows]).any(axis=0).all()) for rows in within]] if within else spans
     if not len(spans):
-        text = f"nothing stands still for {STANDS:g} s in it: a campaign stops for a second at each pose"
-        raise InputError(f"{sources[first].path}: {text}")
+        text = f"nothing stands still for {STANDS:g} s in it, whose rows are {_step(clocks[first])}"
+        raise InputError(f"{sources[first].path}: {text}: a campaign stops for a second at each pose")
     notes.insert(0, f"the arm stands {len(spans)} times in {sources[first].title}")
     for i in clocks:
         shift = 0.0
@@ -690,6 +702,9 @@ def _settled(
                     f"{source.path}: the unit of column {one.column!r} is stated nowhere:"
                     f" --take '{one.column}={base}_{choices[0]}' or ={base}_{choices[1]}"
                 )
+        elif unknown := _unknown_unit(source, one):
+            wrong.append(unknown)
+            one = replace(one, unit="")
         settled.append(one)
     for name in dict.fromkeys(source.header):
         if source.header.count(name) > 1:
@@ -706,6 +721,7 @@ def _settled(
     if not wrong and any(meaning.kind in ("joint", "coordinate") for meaning in settled):
         values, unit = _moved(_filled(source, settled), settled)
         settled = counted(source, settled, values, unit)
+        wrong += filter(None, [doubt(source, settled)])
         sampled = (time := times(source, settled)) is not None and is_dense(spread(time), values, unit)
     for one, cells in zip(settled, source.columns, strict=True):
         if one.kind in ("joint", "coordinate", "time"):
@@ -727,10 +743,23 @@ def _settled(
     return tuple(settled), wrong
 
 
+def _unknown_unit(source: SourceTable, meaning: Meaning) -> str:
+    """Return what is wrong with the unit that a header states, nothing where it is known."""
+    units = {"joint": ANGLE_UNITS | LENGTHS, "coordinate": LENGTHS, "turn": ANGLE_UNITS, "time": TIME_UNITS}
+    known = units.get(meaning.kind, {})
+    cells = source.columns[source.header.index(meaning.column)]
+    clock = meaning.kind == "time" and not np.isfinite(numbers(cells)).any()
+    if not meaning.unit or not known or meaning.unit in known or clock:
+        return ""
+    base = f"q_{meaning.name}" if meaning.kind == "joint" else meaning.name
+    text = f"column {meaning.column!r} is in {meaning.unit!r}, which is not known ({listing(known, 6)})"
+    return f"{source.path}: {text}: convert it, or --take '{meaning.column}={base}_UNIT'"
+
+
 def _implausible(source: SourceTable, meaning: Meaning, values: Array) -> list[str]:
     """Return what is wrong with (N,) numbers of a joint or a coordinate that no arm reaches, by line and column."""
-    turns = meaning.kind == "joint" and meaning.unit in UNITS["angle"]
-    size = np.abs(values) * (LENGTHS | UNITS["angle"] if meaning.kind == "joint" else LENGTHS)[meaning.unit or ""]
+    turns = meaning.kind == "joint" and meaning.unit in ANGLE_UNITS
+    size = np.abs(values) * (LENGTHS | ANGLE_UNITS if meaning.kind == "joint" else LENGTHS)[meaning.unit or ""]
     beyond = size > (2.0 * np.pi * MOST_TURNS if turns else MOST_METRES)
     if not beyond.any():
         return []
@@ -746,7 +775,7 @@ def _implausible(source: SourceTable, meaning: Meaning, values: Array) -> list[s
 
 def _numbers(source: SourceTable, meant: Sequence[Meaning], kinds: tuple[str, ...]) -> dict[str, Array]:
     """Return (N,) numbers of joints or coordinates in SI, by name; nan where a cell is empty."""
-    factors = LENGTHS | UNITS["angle"]
+    factors = LENGTHS | ANGLE_UNITS
 
     def converted(values: Array, factor: float) -> Array:
         return values if factor == 1.0 else np.round(values * factor, DIGITS)
@@ -761,7 +790,7 @@ def _numbers(source: SourceTable, meant: Sequence[Meaning], kinds: tuple[str, ..
 def _turns(source: SourceTable, meant: Sequence[Meaning]) -> Array | None:
     """Return (N, 4) quaternions x y z w of a target, not a number where none was read; None where it has none."""
     parts = {
-        meaning.name: numbers(cells) * UNITS["angle"].get(meaning.unit or "", 1.0)
+        meaning.name: numbers(cells) * ANGLE_UNITS.get(meaning.unit or "", 1.0)
         for meaning, cells in zip(meant, source.columns, strict=True)
         if meaning.kind == "turn"
     }
@@ -894,7 +923,9 @@ def _joined(
         and not counted
         and all(cells is not None and len(set(map(str, cells))) > 1 for cells in (wanted, given))
     )  # both have names, and they are not the same
-    resorted = what == "point" and given is not None and is_resorted([split[i][0] for i in rows_of[targets[0]]])
+    points = None if given is None else [split[i][0] for i in rows_of[targets[0]]]
+    ordered = points if wanted is None or counted else names if given is None else None  # the other says nothing
+    resorted = what == "point" and ordered is not None and is_resorted(ordered)
     unlike = False
     if at is not None and of is not None and timed and equal and len(targets) == 1:
         unlike = bool((np.argsort(at, kind="stable") != np.argsort(of, kind="stable")).any())
@@ -929,11 +960,16 @@ def _joined(
     header = [
         next((meaning.column for meaning in meant if meaning.kind == "name"), "") for meant in (of_log, of_export)
     ]
-    if equal and (other or (resorted and (wanted is None or counted))):
-        called, of_rows = (listing(dict.fromkeys(map(str, cells)), 3) for cells in (labels, names))
-        text = f"the rows of {log.path.name} are called {of_rows}" if other else f"{log.path.name} has no names"
-        text = f"points are called {called}, and {text}: which is of which is not certain. Give both the same names"
-        text += f", or --take '{header[0] if other else header[1]}=unused' joins them row by row"
+    if equal and (other or resorted):
+        of_points, of_rows = (
+            f"{called} {listing(dict.fromkeys(map(str, cells)), 3)}" if said else f"{without} has no names"
+            for called, cells, said, without in (
+                ("points are called", labels, given is not None, export.path.name),
+                (f"the rows of {log.path.name} are called", names, wanted is not None and not counted, log.path.name),
+            )
+        )
+        text = f"{of_points}, and {of_rows}: which is of which is not certain. Give both the same names"
+        text += f", or --take '{header[0] if other or given is None else header[1]}=unused' joins them row by row"
         raise TableError(Place(export.path), text)
     if equal:
         open_ = given is not None and wanted is None and what == "point"

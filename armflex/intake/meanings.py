@@ -57,11 +57,43 @@ TIMES = (
 )
 TIME_UNITS = {
     **UNITS["time"],
+    **dict.fromkeys(("minute", "minutes"), 60.0),
+    **dict.fromkeys(("h", "hr", "hrs", "hour", "hours"), 3600.0),
+    **dict.fromkeys(("d", "day", "days"), 86400.0),
     **dict.fromkeys(("sec", "secs", "second", "seconds"), 1.0),
     **dict.fromkeys(("msec", "msecs", "millisecond", "milliseconds"), 1e-3),
     **dict.fromkeys(("us", "µs", "μs", "usec", "usecs", "microsecond", "microseconds"), 1e-6),
     **dict.fromkeys(("ns", "nsec", "nsecs", "nanosec", "nanosecs", "nanosecond", "nanoseconds"), 1e-9),
 }
+ANGLE_UNITS = {
+    **UNITS["angle"],
+    **dict.fromkeys(("radian", "radians"), 1.0),
+    **dict.fromkeys(("degree", "degrees"), np.pi / 180.0),
+    **dict.fromkeys(("mdeg", "millideg", "millidegrees"), np.pi / 1.8e5),
+    **dict.fromkeys(("arcmin", "arcminutes"), np.pi / 10800.0),
+    **dict.fromkeys(("arcsec", "arcseconds"), np.pi / 648000.0),
+    **dict.fromkeys(("gon", "gradian", "gradians"), np.pi / 200.0),
+    **dict.fromkeys(("rev", "revs", "revolution", "revolutions", "turn", "turns"), 2.0 * np.pi),
+}
+"""Names of units of angles as programs write them -> factor to rad; not `grad`, which some take for degrees."""
+
+STEPS = re.compile(r"counts?|cts|ticks?|puls(?:es?)?|pls|incr?|increments?", re.IGNORECASE)
+"""What encoders count: how many are a turn is stated nowhere."""
+
+OTHERS = {
+    *(unit for kind in ("force", "moment", "acceleration", "frequency") for unit in UNITS[kind]),
+    *("A", "mA", "V", "mV", "W", "C", "degC", "K", "rpm", "RPM", "1/min", "1/s", "kg", "bar", "Pa", "px"),
+    *(f"{unit}/{time}" for unit in (*UNITS["angle"], *UNITS["length"]) for time in ("s", "s^2", "s2", "s²", "min")),
+}
+"""Units of what is no position and no time."""
+
+REMARK = re.compile(
+    r"(?:act|meas|ist\b|mess|pos\b|position|value|wert|abs|rel|world|welt|base|basis|tool|robot|axis|joint|filtered|mean"
+    r"|utc|gmt|local|lokal|c?es?t\b|[hdmy]+[:./-]).*",
+    re.IGNORECASE,
+)
+"""What stands in brackets behind a name and is no unit."""
+
 PART = re.compile(r"(?P<base>(?:.*[._/ \[]|tv_?)?)(?P<unit>[a-zµμ]+)\]?", re.IGNORECASE)
 """Seconds, and what is beyond them in a column of its own: `header.stamp.sec` and `header.stamp.nanosec`."""
 
@@ -72,8 +104,10 @@ COORDINATE = (
 OF_MESSAGE = r".*(?:position|translation|point)[./](?P<axis>[xyz])"
 """Coordinate in a column of a tool for bags: messages of ROS are in m."""
 
-STAMPS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
-"""Times beyond these are since 1970, in this unit."""
+SINCE_1970, UNTIL = 9e8, 4e9
+"""Times [s] between these have a date, from 1998 to 2096: no other clock runs for 28 years."""
+STAMPS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+"""Units of what counts since 1970, known by its size."""
 BY_SIZE = "its size"
 DAY = re.compile(r"\d{1,4}[./-]\d{1,2}[./-]\d{1,4}$")
 KEPT = ("payload", "session")
@@ -83,6 +117,8 @@ TURN_OF = re.compile(r"(?P<stem>.*?)[ _.\-/]*(?P<axis>[wxyz0-4])")
 
 QUATERNIONS = {"wxyz": "wxyz", "0xyz": "wxyz", "0123": "wxyz"}
 """Axes of columns that are w x y z; that of 1234 is not said."""
+PARAMETERS = re.compile(r"[qe][ _.]?")
+"""Before 0123 where they are w x y z: those of another name are places in a list."""
 
 ROUNDED = 0.02
 """Tolerance: how far the length of a quaternion is from 1 where it is written with two digits, or a mean."""
@@ -95,6 +131,13 @@ COUNTED = re.compile(r"\d+")
 
 BRACKETS = re.compile(r"(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*")
 
+_SHORT, _LONG = ("|".join(sorted(map(re.escape, words), key=len, reverse=True))
+                 for words in ({*LENGTHS, *ANGLE_UNITS, *TIME_UNITS} - {"h", "d"},
+                               {*LENGTHS, *ANGLE_UNITS, *TIME_UNITS, "°"}))  # fmt: skip
+BEHIND = re.compile(
+    rf"(?P<base>.+?)(?:_(?P<short>{_SHORT})|(?:\s*[,/]\s*|\s+(?:in\s+)?)(?P<unit>{_LONG}))", re.IGNORECASE
+)
+"""A header with its unit behind it: `q_J1_deg`, `X / mm`, `Time, s`, `Z in mm`."""
 
 COUNTS = "counts the rows"
 
@@ -216,19 +259,27 @@ def _parts_of_time(source: SourceTable) -> dict[str, Meaning]:
     return {}
 
 
-def _meaning(text: str, header: str, cells: Cells, comment: str | None, asked: bool, joints: Sequence[str]) -> Meaning:
-    taken_as, text, unit = text, text.strip(), None
+def _with_unit(text: str) -> tuple[str, str | None]:
+    """Return a header without its unit, and that: `J1 [deg]`, `X / mm`, `Time, s`, `Z in mm`, `q_J1_deg`.
+
+    In brackets it may be none that is known.
+    """
     if (match := BRACKETS.fullmatch(text)) and not COUNTED.fullmatch(match[2]):
-        text, unit = match[1], match[2].lower().replace("°", "deg")
-    elif "_" in text and text.rpartition("_")[2].lower() in {*LENGTHS, *UNITS["angle"], *TIME_UNITS}:
-        base, _, last = text.rpartition("_")
-        text, unit = (base, last.lower()) if len(base) > 0 else (text, None)
+        return match[1], None if REMARK.fullmatch(match[2]) else match[2].replace("°", "deg")
+    if match := BEHIND.fullmatch(text):
+        return match["base"], (match["short"] or match["unit"]).replace("°", "deg")
+    return text, None
+
+
+def _meaning(text: str, header: str, cells: Cells, comment: str | None, asked: bool, joints: Sequence[str]) -> Meaning:
+    taken_as, (text, unit) = text, _with_unit(text.strip())
+    other, unit = unit in OTHERS, "deg" if unit == "Grad" else unit and unit.lower()
     word, why = text.strip().lower(), "as asked" if asked else "its name"
     in_header = "as asked" if asked else "its header"
     if asked and word == "unused":
         return Meaning(header, "unused", "", "", why)
     named = [(rf"{PLACED}(?P<name>{re.escape(name)})(?:[ _]{PLACED_WORD})?", "") for name in joints]
-    for pattern, usual in (*named, *JOINTS):
+    for pattern, usual in (*named, *JOINTS) if not other else ():
         if match := re.fullmatch(pattern, text.strip(), re.IGNORECASE):
             parts = match.groupdict()
             if parts.get("ur"):
@@ -238,30 +289,26 @@ def _meaning(text: str, header: str, cells: Cells, comment: str | None, asked: b
             else:
                 name = f"A{parts['kuka']}" if parts.get("kuka") else str(parts.get("name") or parts.get("listed"))
             name = next((joint for joint in joints if joint.lower() == name.lower()), name)
-            if unit in {"degree", "degrees", "grad"}:
-                unit = "deg"
-            given = unit in UNITS["angle"] or unit in LENGTHS
-            length_unit = unit if given else usual or None
-            reason = in_header if given else "as this controller writes it" if usual else why
-            return Meaning(header, "joint", name, length_unit, reason)
-    if match := re.fullmatch(COORDINATE, word):
-        length_unit = unit if unit in LENGTHS else comment
-        return Meaning(header, "coordinate", match["axis"], length_unit, in_header if unit in LENGTHS else "a comment")
+            if unit is None and STEPS.fullmatch(name.rpartition("_")[2]) and "_" in name:
+                name, _, unit = name.rpartition("_")
+            reason = in_header if unit else "as this controller writes it" if usual else why
+            return Meaning(header, "joint", name, unit or usual or None, reason)
+    if match := re.fullmatch(COORDINATE, word) if not other else None:
+        return Meaning(header, "coordinate", match["axis"], unit or comment, in_header if unit else "a comment")
     if match := re.fullmatch(OF_MESSAGE, word):
         return Meaning(header, "coordinate", match["axis"], "m", "as ROS has it")
     if re.fullmatch(PICTURE, header.strip().lower()) and not isinstance(cells, np.ndarray) and "." in str(cells[0]):
         return Meaning(header, "picture", text if asked else "cam", "", why)
     if word in ANGLES or (asked and word in VECTOR):
-        return Meaning(header, "turn", word, {"degree": "deg", "degrees": "deg"}.get(unit or "", unit), in_header)
+        return Meaning(header, "turn", word, unit, in_header)
     if asked and re.fullmatch("q[wxyz]", word):
         return Meaning(header, "turn", word, "", why)
     if re.fullmatch(NAMES, word):
         return Meaning(header, "name", "pose", "", why)
     if re.fullmatch(TIMES, word):
         largest = np.nanmax(values) if np.isfinite(values := numbers(cells)).any() else 0.0
-        stamp = next((name for least, name in STAMPS if largest > least), "")
-        length_unit = unit if unit in TIME_UNITS else stamp
-        return Meaning(header, "time", "time", length_unit, in_header if unit else BY_SIZE if stamp else why)
+        stamp = next((name for name, size in STAMPS.items() if SINCE_1970 < size * largest < UNTIL), "")
+        return Meaning(header, "time", "time", unit or stamp, in_header if unit else BY_SIZE if stamp else why)
     if word in KEPT:
         return Meaning(header, "kept", word, "", why)
     if asked:  # called as the caller says
@@ -286,22 +333,22 @@ def _turned(source: SourceTable, meant: Sequence[Meaning]) -> list[Meaning]:
         [source.columns[i] for i, meaning in enumerate(meant) if meaning.kind == "coordinate"],
     )
     gone = lost(np.column_stack([numbers(cells) for cells in places]))
-    for group in groups.values() if not any(meaning.kind == "turn" for meaning in meant) else ():
+    for stem, group in groups.items() if not any(meaning.kind == "turn" for meaning in meant) else ():
         axes = "".join(sorted(group, key="w01234xyz".index))
         if axes not in (*QUATERNIONS, "1234"):
             continue
+        names = QUATERNIONS.get(axes, "    ") if axes != "0123" or PARAMETERS.fullmatch(stem) else "    "
         sizes = np.sqrt(sum(numbers(source.columns[i]) ** 2 for i in group.values()))
         given = np.isfinite(sizes) & (sizes > 0.1) & ~gone  # noughts where nothing was set
         if not given.any() or (np.abs(sizes[given] - 1.0) > ROUNDED).any():
             continue
         why = "four columns of length 1"
-        for axis, name in zip(axes, QUATERNIONS.get(axes, "    "), strict=True):
+        for number, (axis, name) in enumerate(zip(axes, names, strict=True)):
             part_meant = settled[group[axis]]
             if name != " ":
                 settled[group[axis]] = replace(part_meant, kind="turn", name=f"q{name}", unit="", why=why)
             else:
-                part = "wxyz"[int(axis) - 1]
-                open_ = f"a quaternion, w first or last: --take '{part_meant.column}=q{part}'"
+                open_ = f"a quaternion, w first or last: --take '{part_meant.column}=q{'wxyz'[number]}'"
                 settled[group[axis]] = replace(part_meant, kind="unused", name="turn", unit="", why=open_)
     return settled
 

@@ -13,8 +13,8 @@ from typing import NamedTuple
 PARTS = re.compile(r"\d+|[^\W\d_]+")
 """Words and numbers of a name."""
 
-WHOLE = re.compile(r"(\d+)\.0+")
-"""A count that went through a spreadsheet."""
+COUNT = re.compile(r"\d+(?:\.\d*)?(?:e\+?\d{1,2})?", re.IGNORECASE)
+"""A count, which may have gone through a spreadsheet: 12, 12.0, 1.2e+01."""
 
 
 class Pairing(NamedTuple):
@@ -58,18 +58,15 @@ def paired_names(rows: Sequence[str], points: Sequence[str], by_number: bool = T
 
 
 def is_resorted(names: Sequence[str]) -> bool:
-    """Return whether names count, and a program sorted them: as texts, P1 P10 P2, or backwards."""
+    """Return whether names count, and not upwards: measured, or sorted by a program, in an order of their own."""
     counts = _counts([tuple(_parts(name)) for name in _whole(names)])
-    if counts is None or len(set(counts[1])) < len(names):
-        return False
-    ordered = sorted(counts[1])
-    return counts[1] != ordered and (counts[1] == ordered[::-1] or list(names) == sorted(names))
+    return counts is not None and len(set(counts[1])) == len(names) and counts[1] != sorted(counts[1])
 
 
 def _whole(names: Sequence[str]) -> list[str]:
-    """Return names, without the decimals of those that are all whole numbers."""
-    matches = [WHOLE.fullmatch(name) for name in names]
-    return [match[1] for match in matches if match] if all(matches) else list(names)
+    """Return names, as whole numbers where all are."""
+    counted = all(COUNT.fullmatch(name) and float(name).is_integer() for name in names)
+    return [f"{float(name):.0f}" for name in names] if counted else list(names)
 
 
 def _parts(name: str) -> list[str | int]:

@@ -127,11 +127,11 @@ def read_table_source(path: Path) -> SourceTable:
         said = [_parted([text], mark)[0] for text in comments]
         heads = [cells for cells in reversed(said) if len(cells) == width and not any(map(_number, cells))]
     head, used = heads[0] if heads else None, heads[:1]
-    unit_words = {*LENGTHS, *UNITS["angle"], *UNITS["time"], "°", ""}
+    unit_words = {*LENGTHS, *UNITS["angle"], *UNITS["time"], "°", "-", ""}
     if (
         len(heads) > 1 and head and all(UNIT.fullmatch(cell) or cell.lower() in unit_words for cell in head)
     ):  # below the names
-        units, used = (cell.strip("[]() ") for cell in head), heads[:2]
+        units, used = (cell.strip("[]()- ") for cell in head), heads[:2]
         head = [f"{name} [{unit}]" if unit else name for name, unit in zip(heads[1], units, strict=True)]
     comments += [" ".join(cells) for _, cells in rows[:first] if not any(cells is row for row in used)]
     body = rows[first:]

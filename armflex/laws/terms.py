@@ -5,7 +5,7 @@
 A feature is a number made of the load w, a factor one made of a column of the row: of a joint law only `q_JOINT`, of an
 effect any column. Scaling a law, or moving it to another frame, gives a sum of terms again. A small network is one term
 of many neurons, `gains.T @ tanh(units @ w + bias)`. A law that says its terms needs nothing else: its twist and its
-tangent follow, and the engine knows it. `Kind` and `Of` stand in engine.c as well: change both or none.
+tangent follow, and the engine knows it. `Curve` and `Of` stand in engine.c as well: change both or none.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ MOST_FACTORS = 2
 """Columns that one term may depend on."""
 
 
-class Kind(IntEnum):
+class Curve(IntEnum):
     """What a feature makes of a load w; engine.c has the same."""
 
     PART = 0
@@ -96,7 +96,7 @@ class Of(IntEnum):
 
 @dataclass(frozen=True)
 class Feature:
-    """A number made of a (..., 6) load; see `Kind`.
+    """A number made of a (..., 6) load; see `Curve`.
 
     Attributes:
         kind: Which.
@@ -105,7 +105,7 @@ class Feature:
         form: (36,) of a quadratic form of it, rows behind one another; empty where none counts.
     """
 
-    kind: Kind
+    kind: Curve
     u: tuple[float, ...] = (0.0,) * 6
     bias: float = 0.0
     exponent: float = 1.0
@@ -124,32 +124,32 @@ class Feature:
     @property
     def degree(self) -> float:
         """Power of the load's size with which it grows in the end."""
-        if self.kind is Kind.RAISED:
+        if self.kind is Curve.RAISED:
             return 2.0 * self.exponent
-        return 1.0 if self.kind in (Kind.PART, Kind.SIZE, Kind.RAMP) else 0.0
+        return 1.0 if self.kind in (Curve.PART, Curve.SIZE, Curve.RAMP) else 0.0
 
     def of(self, load: Array) -> Array:
         """Return the (...,) number."""
-        if self.kind is Kind.PART:
+        if self.kind is Curve.PART:
             return load @ self.way
         return self.with_slope(load)[0]
 
     def with_slope(self, load: Array) -> tuple[Array, Array]:
         """Return the (...,) number and its (..., 6) derivative by the load, 0 at a corner."""
-        if self.kind is Kind.RAISED:
+        if self.kind is Curve.RAISED:
             moved = load @ (form := self.matrix)
             base = np.maximum(self.bias + (moved * load).sum(axis=-1), LEAST)
             slope = np.where(base > LEAST, self.exponent, 0.0) * base ** (self.exponent - 1.0)
             return base**self.exponent, slope[..., None] * (moved + load @ form.T)
         part = load @ self.way
-        if self.kind is Kind.TANH:
+        if self.kind is Curve.TANH:
             value = np.tanh(part + self.bias)
             slope = 1.0 - value**2
-        elif self.kind is Kind.SIZE:
+        elif self.kind is Curve.SIZE:
             value, slope = np.abs(part), np.sign(part)
-        elif self.kind is Kind.RAMP:
+        elif self.kind is Curve.RAMP:
             value, slope = np.maximum(part + self.bias, 0.0), (part + self.bias > 0.0).astype(float)
-        elif self.kind is Kind.CLIPPED:
+        elif self.kind is Curve.CLIPPED:
             value, slope = np.clip(part, -1.0, 1.0), (np.abs(part) < 1.0).astype(float)
         else:
             value, slope = part, np.ones_like(part)
@@ -161,7 +161,7 @@ class Feature:
         return replace(self, u=tuple((action @ self.way).tolist()), form=form)
 
 
-def part(way: Array, kind: Kind = Kind.PART, bias: float = 0.0) -> Feature:
+def part(way: Array, kind: Curve = Curve.PART, bias: float = 0.0) -> Feature:
     """Return a feature of the part (6,) u . w of the load."""
     return Feature(kind, tuple(np.asarray(way, dtype=float).tolist()), bias)
 
@@ -169,7 +169,7 @@ def part(way: Array, kind: Kind = Kind.PART, bias: float = 0.0) -> Feature:
 def power(form: Array, exponent: float, bias: float = 0.0) -> Feature:
     """Return the feature (bias + w' form w)^exponent of a (6, 6) form."""
     return Feature(
-        Kind.RAISED, bias=bias, exponent=exponent, form=tuple(np.asarray(form, dtype=float).ravel().tolist())
+        Curve.RAISED, bias=bias, exponent=exponent, form=tuple(np.asarray(form, dtype=float).ravel().tolist())
     )
 
 
@@ -398,7 +398,7 @@ class Neurons:
     def single(self) -> Iterator[Term]:
         """Yield every neuron as a term of its own."""
         for unit, bias, gain in zip(self.units, self.bias.tolist(), self.gains, strict=True):
-            yield Term(gain, features=(part(unit, Kind.TANH, bias),), factors=self.factors, window=self.window)
+            yield Term(gain, features=(part(unit, Curve.TANH, bias),), factors=self.factors, window=self.window)
 
 
 Terms = Sequence[Term | Neurons]

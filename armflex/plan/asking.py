@@ -149,7 +149,7 @@ class Question:
         goal = replace(goal, chances=np.where(distinct, chances, 0.0))
         return Question(before, reach, tuple(pairs), offer, model, goal, distinct)
 
-    def rows(self, count: int, stem: str) -> Asked | None:
+    def rows(self, count: int, stem: str) -> RequestedRows | None:
         """Return the rows that decide most, None where none decides anything.
 
         Args:
@@ -190,7 +190,9 @@ class Question:
         named = tuple(name for name in self.reach.arm.joint_names if f"{APPROACH}{name}" not in given)
         stated = self.reach.sigma / self.before.noises.get("", 1.0)  # however far readings scatter
         reach = replace(self.reach, approached=named, sigma=stated)
-        return Asked(kept, reach, dict(measured.campaign.units), stem, -self.goal.value(gram), -float(values.max()))
+        return RequestedRows(
+            kept, reach, dict(measured.campaign.units), stem, -self.goal.value(gram), -float(values.max())
+        )
 
     @property
     def depends_on_order(self) -> bool:
@@ -259,7 +261,7 @@ class Question:
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
+class RequestedRows:
     """Rows to drive and to read, in their order; the side that joints come from follows from it.
 
     Attributes:

@@ -21,7 +21,7 @@ from armflex.rows import Rows
 from armflex.rows.rows import STILL
 
 if TYPE_CHECKING:
-    from armflex.plan.asking import Asked
+    from armflex.plan.asking import RequestedRows
     from armflex.plan.planned_rows import Plan
 
 FINEST = 1e-6
@@ -134,7 +134,7 @@ def _sign(change: Array) -> Array:
 
 
 @checked_kinds
-def write_plan(found: Plan | Asked, path: str | Path) -> Path:
+def write_plan(found: Plan | RequestedRows, path: str | Path) -> Path:
     """Write the rows as a measurements.csv whose positions are still empty; whole or not at all.
 
     It holds pose, session, payload, q_*, what effects depend on, x y z to be filled in, and sigma, in the units of the
@@ -175,7 +175,7 @@ def write_plan(found: Plan | Asked, path: str | Path) -> Path:
     return write_table(path, columns)
 
 
-def _unit(planned: Plan | Asked, column: str, kind: str) -> tuple[str, float]:
+def _unit(planned: Plan | RequestedRows, column: str, kind: str) -> tuple[str, float]:
     """Return the suffix and the factor of a column's unit in the campaign before, '' and 1 for SI."""
     unit = planned.units.get(column, "")
     return (f"_{unit}", UNITS[kind][unit]) if unit else ("", 1.0)

@@ -18,7 +18,7 @@ from armflex.laws.effects.link_mass import LINK_MASS
 from armflex.laws.effects.location import link_of
 from armflex.measured.measurements import Measurements
 from armflex.parameters import DOUBT
-from armflex.plan.asking import OFFERED, Asked, Cause, Pair, Question
+from armflex.plan.asking import OFFERED, Cause, Pair, Question, RequestedRows
 from armflex.plan.design import instead
 from armflex.plan.design_model import Before
 from armflex.plan.instruments import informing_levels
@@ -38,7 +38,7 @@ STEMS = ("ask", "ask_2")
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class Alternatives:
     """What may be in one place of a model.
 
     Attributes:
@@ -64,8 +64,8 @@ class Place:
 
 
 def next_measurement(
-    before: Before, places: Sequence[Place], rows: int, settable: Mapping[str, Sequence[float]]
-) -> tuple[tuple[str, ...], Asked | None]:
+    before: Before, places: Sequence[Alternatives], rows: int, settable: Mapping[str, Sequence[float]]
+) -> tuple[tuple[str, ...], RequestedRows | None]:
     """Return in words what would decide what is in question, and the rows that do.
 
     Args:
@@ -95,7 +95,7 @@ def next_measurement(
     return tuple(texts), asked
 
 
-def _how(asked: Asked | None, rows: int, stem: str | None) -> str:
+def _how(asked: RequestedRows | None, rows: int, stem: str | None) -> str:
     if stem is None:
         return "rows were asked for twice already; more of this kind hardly decide it."
     if asked is None:

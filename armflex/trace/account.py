@@ -20,7 +20,7 @@ from armflex.laws.effects.effect import Effect
 from armflex.parameters import DOUBT, ArmParameter, Certainty
 from armflex.plan.asking import Cause
 from armflex.plan.design_model import Before, Measured, noises_of
-from armflex.plan.next_measurement import Place, lacking, misplaced_centres, next_measurement, warming
+from armflex.plan.next_measurement import Alternatives, lacking, misplaced_centres, next_measurement, warming
 from armflex.trace.averaging import Averaged, alone, averaged, beside_calibrated
 from armflex.trace.findings import (
     VARIANCE_RATIO,
@@ -246,7 +246,7 @@ def _others(credible: Credible) -> tuple[tuple[Effect, float], ...]:
     return tuple((one.effect(np.zeros(len(one.location.terms))), chance) for one, chance in single)
 
 
-def _places(known: Weighed, found: Sequence[Found]) -> list[Place]:
+def _places(known: Weighed, found: Sequence[Found]) -> list[Alternatives]:
     """Return what may be in the place of every effect that was found, or what may be missing where nothing was."""
     count = len(known.here.state.declared.arm.effects)
     causes: Sequence[Cause | None] = [Cause(one.effect, one.probability, count + one.index) for one in found]
@@ -254,7 +254,7 @@ def _places(known: Weighed, found: Sequence[Found]) -> list[Place]:
     if not known.here.state.known:
         causes, single = [None], [known.credible[-1]]
     return [
-        Place(cause, [Cause(*pair) for pair in _others(credible)], credible.nothing)
+        Alternatives(cause, [Cause(*pair) for pair in _others(credible)], credible.nothing)
         for cause, credible in zip(causes, single, strict=True)
     ]
 

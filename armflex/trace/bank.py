@@ -26,7 +26,7 @@ have columns of their own. More are made again whenever they are asked for."""
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class ColumnPart:
     """Some columns of a bank: each one number a row, times the same answer of the readings.
 
     Attributes:
@@ -118,7 +118,7 @@ class Bank:
         return self.fit.view.to_twist(site) @ direction * self.scale
 
     @property
-    def parts(self) -> Iterable[Part]:
+    def parts(self) -> Iterable[ColumnPart]:
         """All columns, part by part."""
         return self._kept if self._count <= 2 * BANK_HELD else self._made()
 
@@ -127,7 +127,7 @@ class Bank:
         return int(self.starts[-1]) * len(self.fit.view.rows)
 
     @cached_property
-    def _kept(self) -> tuple[Part, ...]:
+    def _kept(self) -> tuple[ColumnPart, ...]:
         return tuple(self._made())
 
     def forget(self) -> None:
@@ -159,7 +159,7 @@ class Bank:
             found[part.places] = part.products(others)
         return found
 
-    def _made(self) -> Iterator[Part]:
+    def _made(self) -> Iterator[ColumnPart]:
         """Yield the columns, those with the same answer of the readings together.
 
         An answer is whitened once for all of them, and a twist in one direction takes one number a row, not six.
@@ -196,7 +196,7 @@ class Bank:
                     waiting, held = {}, 0
         yield from (self._part(key, some, known) for key, some in waiting.items())
 
-    def _part(self, alike: tuple, some: Sequence[tuple[int, Array]], known: dict[tuple[int, ...], Array]) -> Part:
+    def _part(self, alike: tuple, some: Sequence[tuple[int, Array]], known: dict[tuple[int, ...], Array]) -> ColumnPart:
         """Return the columns of candidates that act alike at a site from what each of them brings, by its number.
 
         `known` are shapes without loads that were put together before, by the arrays that they are of.
@@ -217,7 +217,7 @@ class Bank:
             if shapes is None:
                 shapes = np.concatenate(list(unique.values()), dtype=kind)
                 known |= {} if of_load else {key: shapes}
-            return Part(groups, places, shapes, np.concatenate(of), answer)
+            return ColumnPart(groups, places, shapes, np.concatenate(of), answer)
         answer = view.per(first.law, first.location) * self.scale[:, :, None]
         regressors = np.concatenate(brought, axis=1) @ answer.transpose(0, 2, 1)
         if view.indirect:
@@ -225,4 +225,4 @@ class Bank:
             columns = [view.effect_quotient(one.law, one.location, one.inner, features) for one, features in pairs]
             regressors = regressors + (np.concatenate(columns, axis=2) * self.scale[:, :, None]).transpose(0, 2, 1)
         regressors = regressors.transpose(1, 0, 2).reshape(len(places), -1).astype(kind, copy=False)
-        return Part(groups, places, regressors, np.arange(len(places)), None)
+        return ColumnPart(groups, places, regressors, np.arange(len(places)), None)

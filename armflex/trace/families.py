@@ -50,7 +50,7 @@ from armflex.trace.selection import MOST_TRIED, SCALES, WITHIN
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class Member:
     """What a family does at one place along one axis.
 
     Attributes:
@@ -219,7 +219,7 @@ class Kinds:
 
     fit: Fit
     context: Context
-    parts: tuple[Part, ...]
+    parts: tuple[Member, ...]
     columns: Array
     folds: np.ndarray
 
@@ -282,7 +282,7 @@ def kinds_of(fit: Fit, context: Context, poses: np.ndarray) -> Kinds:
         context: The campaign as effects see it there.
         poses: (M,) number of the pose of every fitted row.
     """
-    bank, parts, columns = Bank((), fit, context), list[Part](), [np.empty((fit.view.residual.size, 0))]
+    bank, parts, columns = Bank((), fit, context), list[Member](), [np.empty((fit.view.residual.size, 0))]
     for part in _parts(fit, context, len(np.unique(poses))):
         if isinstance(part.acts, Walk):
             own = (part.acts.columns(fit.view) * fit.scale[:, :, None]).reshape(fit.view.residual.size, -1)
@@ -424,7 +424,7 @@ class Sized:
         return self.rms(left)
 
 
-def _parts(fit: Fit, context: Context, poses: int) -> Iterator[Part]:
+def _parts(fit: Fit, context: Context, poses: int) -> Iterator[Member]:
     """Yield what every family does at every place of a campaign with so many poses."""
     view, records = fit.view, context.records
     # Lengths over which a drive's errors may change [rad], of sliding drives by how far they were driven; about other
@@ -436,10 +436,10 @@ def _parts(fit: Fit, context: Context, poses: int) -> Iterator[Part]:
     recorded = {name: x for name, x in recorded.items() if np.ptp(x) > 0.0}
     slides = [joint.name for joint in context.robot.moving if drive_axis(joint) not in AXES_TURN]
 
-    def by_column(law: str, site: str, name: str, x: Array) -> Iterator[Part]:
+    def by_column(law: str, site: str, name: str, x: Array) -> Iterator[Member]:
         for axis in records.axes(site) if site in records.joints else (*TWIST_NAMES,):
             location = Location(site, axis, (name,))
-            yield Part(law, Candidate(LINE, location, (float(x.mean()),)), np.full((1, 1), np.ptp(x) ** -2.0))
+            yield Member(law, Candidate(LINE, location, (float(x.mean()),)), np.full((1, 1), np.ptp(x) ** -2.0))
 
     for joint in context.robot.moving:
         drive, own = drive_axis(joint), f"q_{joint.name}"
@@ -448,55 +448,57 @@ def _parts(fit: Fit, context: Context, poses: int) -> Iterator[Part]:
             yield from _over_position(joint, driven[joint.name], lengths, axes, poses)
         if (approach := f"{APPROACH}{joint.name}") in context.row.covariates:
             location = Location(joint.name, drive, (approach,))
-            yield Part("play by approach", Candidate(BACKLASH, location, ()), np.full((1, 1), 4.0))
+            yield Member("play by approach", Candidate(BACKLASH, location, ()), np.full((1, 1), 4.0))
         for name, x in recorded.items():
             yield from by_column(f"by {name}", joint.name, name, x)
         load = view.load_at(joint.name)
         where = [name for name in dict.fromkeys((joint.name, *slides)) if name in driven]
         for i, j in PAIRS if len(axes) == 3 else ():
             location = Location(joint.name, AXES_TURN[i], partner=AXES_TURN[j])
-            yield Part("compliance", Candidate(CROSS_COUPLING, location, ()), np.ones((1, 1)))
+            yield Member("compliance", Candidate(CROSS_COUPLING, location, ()), np.ones((1, 1)))
         for axis in axes:
             moment = load[:, TWIST_NAMES.index(axis)]
             largest = float(np.abs(moment).max())
             if not largest > ROUNDING * np.abs(load).max():
                 continue
-            yield Part("compliance", Candidate(COMPLIANCE, Location(joint.name, axis), ()), np.ones((1, 1)))
+            yield Member("compliance", Candidate(COMPLIANCE, Location(joint.name, axis), ()), np.ones((1, 1)))
             play = Location(joint.name, axis, (own,))
             inner = (0.0, 0.1 * largest)  # a tenth of the load takes play to the other side
-            yield Part("play by load", Candidate(LINE_PLAY, play, inner), np.ones((1, 1)))
+            yield Member("play by load", Candidate(LINE_PLAY, play, inner), np.ones((1, 1)))
             for name, x in recorded.items():
                 location = Location(joint.name, axis, (name,))
                 acts = Candidate(LINE_COMPLIANCE, location, (float(x.mean()),))
-                yield Part(f"compliance by {name}", acts, np.full((1, 1), np.ptp(x) ** -2.0))
+                yield Member(f"compliance by {name}", acts, np.full((1, 1), np.ptp(x) ** -2.0))
             for name in where:
                 x = driven[name]
                 middle, span = float(x.mean()), float(np.ptp(x))
                 location = Location(joint.name, axis, (f"q_{name}",), (0, 1))
                 acts = Candidate(LINE_COMPLIANCE, location, (middle,))
-                yield Part("compliance by position", acts, np.array([[span**-2.0, span**-4.0]]))
+                yield Member("compliance by position", acts, np.array([[span**-2.0, span**-4.0]]))
                 acts = Candidate(LINE_PLAY, replace(location, terms=(1,)), (middle, inner[1]))
-                yield Part("play by load and position", acts, np.full((1, 1), span**-2.0))
+                yield Member("play by load and position", acts, np.full((1, 1), span**-2.0))
     base = Candidate(BASE_COMPLIANCE, Location(BASE, terms=(1, 2, 3, 4, 5, 6)), ())
-    yield Part("compliance", base, np.ones((1, 6)))
+    yield Member("compliance", base, np.ones((1, 6)))
     for name, x in recorded.items():
         yield from by_column(f"by {name}", BASE, name, x)
     yield from _wandering(fit, context)
 
 
-def _over_position(joint: Joint, values: Array, lengths: Array, axes: Sequence[str], poses: int) -> Iterator[Part]:
+def _over_position(joint: Joint, values: Array, lengths: Array, axes: Sequence[str], poses: int) -> Iterator[Member]:
     """Yield what is a function of a drive's (M,) positions alone."""
     drive, own = drive_axis(joint), (f"q_{joint.name}",)
     unit = 1.0 if drive in AXES_TURN else float(np.ptp(values))
-    yield Part("curve of the drives", *_curve(joint.name, drive, values, unit * lengths, max(poses // 4, 4)))
-    yield Part("scale of the encoders", Candidate(ENCODER_SCALE, Location(joint.name, drive, own), ()), np.ones((1, 1)))
+    yield Member("curve of the drives", *_curve(joint.name, drive, values, unit * lengths, max(poses // 4, 4)))
+    yield Member(
+        "scale of the encoders", Candidate(ENCODER_SCALE, Location(joint.name, drive, own), ()), np.ones((1, 1))
+    )
     if drive in AXES_TURN:
         acts = Candidate(ENCODER_ECCENTRICITY, Location(joint.name, drive, own, (0, 1)), ())
-        yield Part("eccentricity of the encoders", acts, np.ones((1, 2)))
+        yield Member("eccentricity of the encoders", acts, np.ones((1, 2)))
     for axis in axes:
         if axis != drive:
             acts = _curve(joint.name, axis, values, unit * lengths[2:], max(poses // 8, 4))
-            yield Part("curve about other axes", *acts)
+            yield Member("curve about other axes", *acts)
 
 
 def _curve(site: str, axis: str, values: Array, lengths: Array, most: int) -> tuple[Candidate, Array]:
@@ -513,7 +515,7 @@ def _curve(site: str, axis: str, values: Array, lengths: Array, most: int) -> tu
     return acts, 4.0 * rates**3 / (rates**2 + waves**2) ** 2 / half
 
 
-def _wandering(fit: Fit, context: Context) -> Iterator[Part]:
+def _wandering(fit: Fit, context: Context) -> Iterator[Member]:
     """Yield random walks in time: of the instrument's frame, anew in every session, and of every drive."""
     view, every = fit.view, len(context.row.q)
     # Campaigns have clocks of their own: of several together it is the order of their rows.
@@ -533,7 +535,7 @@ def _wandering(fit: Fit, context: Context) -> Iterator[Part]:
         spans[""] = view.rows
     for session, rows in spans.items():
         for axis in TWIST_NAMES[:3]:
-            yield Part("wandering of the instrument", walk(BASE, axis, rows, session), np.ones((1, count)))
+            yield Member("wandering of the instrument", walk(BASE, axis, rows, session), np.ones((1, count)))
     for joint in context.robot.moving:
         acts = walk(joint.name, drive_axis(joint), view.rows)
-        yield Part("wandering of the drives", acts, np.ones((1, count)))
+        yield Member("wandering of the drives", acts, np.ones((1, count)))

@@ -31,7 +31,7 @@ from armflex.files.effect_file import effect_table
 from armflex.laws.effects.effect import Effect
 from armflex.measured.repeats import repeats
 from armflex.parameters import ArmParameter
-from armflex.plan.asking import Asked
+from armflex.plan.asking import RequestedRows
 from armflex.result import Result
 from armflex.trace.averaging import Averaged
 from armflex.trace.families import Families
@@ -246,7 +246,7 @@ class Trace(Result):
     not_identifiable: tuple[Unidentifiable, ...] = ()
     smallest: tuple[Smallest, ...] = ()
     next_measurement: tuple[str, ...] = ()
-    asked: Asked | None = None
+    asked: RequestedRows | None = None
     compared: Compared | None = None
     families: Families | None = None
     undecided: Undecided | None = None

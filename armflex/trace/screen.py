@@ -20,10 +20,10 @@ from armflex.trace.selection import (
     SCALES,
     Batch,
     Beside,
-    Block,
     Evidence,
     Group,
     Model,
+    ScanBlock,
     batches_of,
     prior_of,
 )
@@ -92,7 +92,7 @@ class Screen(Evidence):
             self.groups = _named(self.groups, alone.numbers[visible], marked[visible])
         self._held = Columns(bank, projection, scale)
         rows = self._held.with_bank(bank.products, scale)
-        catalogue = Block(batches, scores[:, 0] * scale, prior_of(self.groups), rows)
+        catalogue = ScanBlock(batches, scores[:, 0] * scale, prior_of(self.groups), rows)
         self.blocks = [catalogue, self._block((), self._held.further)]
         self._charges: dict[tuple, float] = {}
         self._sized: dict[int, Array] = {}
@@ -160,7 +160,7 @@ class Screen(Evidence):
                 first += own.shape[1]
         return groups, np.concatenate([np.empty((0, len(self.projection.residual))), *columns])
 
-    def _block(self, groups: Sequence[Group], columns: Array) -> Block:
+    def _block(self, groups: Sequence[Group], columns: Array) -> ScanBlock:
         """Return hypotheses as a block of their own, from (K, n) columns."""
         left, held = self.projection.left_of(columns.T).T, self._held
 
@@ -168,7 +168,7 @@ class Screen(Evidence):
             return columns @ held.of(places)[1].T
 
         batches = batches_of(groups, lambda at: columns[at] @ left[at].transpose(0, 2, 1))
-        return Block(batches, columns @ self.projection.residual, prior_of(groups), gram)
+        return ScanBlock(batches, columns @ self.projection.residual, prior_of(groups), gram)
 
     def columns_of(self, places: np.ndarray) -> tuple[Array, Array]:
         """Return the (n, k) scaled columns at some places, and what the projection leaves of them."""
@@ -303,7 +303,7 @@ class Dense(Evidence):
         whole = self._gram = projection.inside(columns)
         batches = batches_of(groups, lambda places: whole[places[:, :, None], places[:, None, :]])
         scores = self._scores = columns.T @ projection.residual
-        self.blocks = [Block(batches, scores, priors, lambda places: whole[:, places])]
+        self.blocks = [ScanBlock(batches, scores, priors, lambda places: whole[:, places])]
 
     def among(self, places: np.ndarray) -> tuple[Array, Array]:
         return self._gram[np.ix_(places, places)], self._scores[places]

@@ -127,7 +127,7 @@ def batches_of(groups: Sequence[Group], inside: Callable[[np.ndarray], Array]) -
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
+class ScanBlock:
     """Hypotheses that a scan goes through together.
 
     Attributes:
@@ -144,7 +144,7 @@ class Block:
     gram: Callable[[np.ndarray], Array]
     axes: dict[int, tuple[Array, Array]] = field(default_factory=dict, repr=False)
 
-    def joined(self, more: Block, gram: Callable[[np.ndarray], Array]) -> Block:
+    def joined(self, more: ScanBlock, gram: Callable[[np.ndarray], Array]) -> ScanBlock:
         """Return this block with another behind it."""
         by_size = {one.places.shape[1]: one for one in self.batches}
         for numbers, places, *rest in more.batches:
@@ -153,7 +153,7 @@ class Block:
                 batch = Batch(*map(np.concatenate, zip(own, batch, strict=True)))
             by_size[places.shape[1]] = batch
         scores, priors = np.append(self.scores, more.scores), np.concatenate([self.priors, more.priors])
-        return Block(tuple(by_size.values()), scores, priors, gram)
+        return ScanBlock(tuple(by_size.values()), scores, priors, gram)
 
 
 def prior_of(some: Iterable[Group]) -> Array:
@@ -175,7 +175,7 @@ class Evidence(ABC):
     """
 
     groups: list[Group]
-    blocks: list[Block]
+    blocks: list[ScanBlock]
     objective: float
     freedom: float
     error: float
@@ -193,7 +193,7 @@ class Evidence(ABC):
         """Return the (T,) log of how much likelier a scale of a hypothesis is than where all are equally likely."""
         return 0.0
 
-    def block_of(self, number: int) -> tuple[Block, int]:
+    def block_of(self, number: int) -> tuple[ScanBlock, int]:
         """Return the block that a hypothesis is in, and its number there."""
         for block in self.blocks[:-1]:
             if number < len(block.priors):
@@ -216,7 +216,7 @@ class Evidence(ABC):
         return {}
 
     @cached_property
-    def across(self) -> dict[Beside, WeakKeyDictionary[Block, Array]]:
+    def across(self) -> dict[Beside, WeakKeyDictionary[ScanBlock, Array]]:
         """What `Beside.across` holds."""
         return {}
 
@@ -258,8 +258,8 @@ class Beside:
         self.pull = self.inverse @ scores
         self.volume = 2.0 * float(np.log(np.diag(self.root)).sum()) - float(np.log(self.held).sum())
         self._whole: tuple[Beside, Array] | None = None
-        self._reduced = WeakKeyDictionary[Block, tuple[list[Array], Array]]()
-        self._odds = WeakKeyDictionary[Block, Array]()
+        self._reduced = WeakKeyDictionary[ScanBlock, tuple[list[Array], Array]]()
+        self._odds = WeakKeyDictionary[ScanBlock, Array]()
 
     @property
     def evidence(self) -> Evidence:
@@ -317,7 +317,7 @@ class Beside:
         block, own = self.evidence.block_of(number)
         return self.odds_in(block)[own] + self.evidence.sized(number)
 
-    def odds_in(self, block: Block) -> Array:
+    def odds_in(self, block: ScanBlock) -> Array:
         """Return the `odds` of a block's hypotheses."""
         if block in self._odds:
             return self._odds[block]
@@ -350,7 +350,7 @@ class Beside:
             found._whole = self, self.inverse[:, slice(*self._ends[place : place + 2])]
         return found
 
-    def reduced(self, block: Block) -> tuple[list[Array], Array]:
+    def reduced(self, block: ScanBlock) -> tuple[list[Array], Array]:
         """Return what the model leaves of the (g, k, k) information of every batch, and of the (K,) scores."""
         if block not in self._reduced:
             if self._whole is None:
@@ -371,7 +371,7 @@ class Beside:
             self._reduced[block] = found, scores + sign * across @ pull
         return self._reduced[block]
 
-    def across(self, block: Block) -> Array:
+    def across(self, block: ScanBlock) -> Array:
         """Return (K, k) products of a block's columns with those of the model, by the root's inverse.
 
         Squares of it are what the model takes of their information. It is held of the last model that was asked.
@@ -379,7 +379,7 @@ class Beside:
         held = self.evidence.across
         if self not in held:
             held.clear()
-        own = held.setdefault(self, WeakKeyDictionary[Block, Array]())
+        own = held.setdefault(self, WeakKeyDictionary[ScanBlock, Array]())
         if block not in own:
             own[block] = block.gram(self.places) @ self.inverse.T
         return own[block]

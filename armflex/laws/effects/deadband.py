@@ -7,7 +7,7 @@ from functools import partial
 from armflex.laws.effects.context import AXES_TURN
 from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Words
 from armflex.laws.effects.shapes import about_several, at_joints, shares_of_load
-from armflex.laws.terms import UNITS, Kind, Term, part
+from armflex.laws.terms import UNITS, Curve, Term, part
 
 DEADBAND = TwistLaw(
     name="deadband",
@@ -20,7 +20,7 @@ DEADBAND = TwistLaw(
         *(Amplitude(f"g_{axis}", "rad", positive=True) for axis in AXES_TURN),
     ),
     terms=lambda here, inner: [
-        [Term(way, features=(part(way / inner[0], Kind.CLIPPED),))] for way in (here.direction, *UNITS[3:])
+        [Term(way, features=(part(way / inner[0], Curve.CLIPPED),))] for way in (here.direction, *UNITS[3:])
     ],
     inner=(Inner("tau0", "{w}", partial(shares_of_load, shares=(0.03, 0.1, 0.2, 0.4, 0.7))),),
     loaded=True,

@@ -4,7 +4,7 @@ from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Amplitude, Effect, Manipulator, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import with_terms
 from armflex.laws.effects.shapes import BY_HAND, at_drives, on_drive, side
-from armflex.laws.terms import Kind, Term, part
+from armflex.laws.terms import Curve, Term, part
 
 
 def _grows(effect: Effect, context: Context, arm: Manipulator) -> bool:
@@ -22,7 +22,7 @@ FRICTION_WINDUP = TwistLaw(
     amplitudes=(Amplitude("a", "{m}"), Amplitude("b", "{m}/{w}")),
     terms=lambda here, inner: [
         [Term(here.drive, factors=side(here))],
-        [Term(here.drive, features=(part(here.drive, Kind.SIZE),), factors=side(here))],
+        [Term(here.drive, features=(part(here.drive, Curve.SIZE),), factors=side(here))],
     ],
     direction=on_drive,
     loaded=True,

@@ -16,12 +16,12 @@ from armflex.laws.effects.context import AXES_TURN
 from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location
 from armflex.laws.effects.shapes import of_column, on_axis, shares_of_load
-from armflex.laws.terms import Factor, Kind, Of, Term, part, straight
+from armflex.laws.terms import Curve, Factor, Of, Term, part, straight
 
 
 def _terms(here: Here, inner: Values) -> list[list[Term]]:
     way, overlap = here.direction, (Factor(Of.OVERLAP, here.location.covariates[0], (inner[1], inner[2])),)
-    play = Term(way, features=(part(way / inner[0], Kind.CLIPPED),), factors=overlap)
+    play = Term(way, features=(part(way / inner[0], Curve.CLIPPED),), factors=overlap)
     return [[play], [straight(np.outer(way, way), *overlap)]]
 
 

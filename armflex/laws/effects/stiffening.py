@@ -5,11 +5,11 @@ from __future__ import annotations
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, with_terms
 from armflex.laws.effects.shapes import at_joints, on_axis
-from armflex.laws.terms import Kind, Term, part
+from armflex.laws.terms import Curve, Term, part
 
 
 def _terms(here: Here, inner: Values) -> list[list[Term]]:
-    load, size = part(here.direction), part(here.direction, Kind.SIZE)
+    load, size = part(here.direction), part(here.direction, Curve.SIZE)
     return [[Term(here.direction, features=factors)] for factors in ((load, size), (load, load, load))]
 
 

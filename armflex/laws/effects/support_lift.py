@@ -19,7 +19,7 @@ from armflex.laws.effects.context import AXES, AXES_TURN, Context, Records
 from armflex.laws.effects.effect import Amplitude, Effect, Inner, Manipulator, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location, drive_axis
 from armflex.laws.effects.shapes import on_axis, own_column
-from armflex.laws.terms import Factor, Kind, Of, Term, part, powers, straight
+from armflex.laws.terms import Curve, Factor, Of, Term, part, powers, straight
 
 SHARES = (0.25, 0.5, 0.75)
 """Of the range that was measured: where a search for the start begins."""
@@ -87,7 +87,7 @@ def _terms(here: Here, inner: Values) -> list[list[Term]]:
         falling = [Term(-axis, factors=powers(column, 1, -start)),
                    Term(axis, factors=(*powers(column, 1, -start), Factor(Of.STEP, column, (-start,))))]  # fmt: skip
         return [[rising] if sign > 0.0 else falling, bends]
-    return [[Term(axis, features=(part(sign * way, Kind.RAMP, -start),))], bends]
+    return [[Term(axis, features=(part(sign * way, Curve.RAMP, -start),))], bends]
 
 
 SUPPORT_LIFT = TwistLaw(

@@ -16,7 +16,7 @@ from armflex.laws.effects.context import Context, Records
 from armflex.laws.effects.effect import Amplitude, Effect, Inner, Manipulator, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import BASE, TOOL, Here, Location, with_terms
 from armflex.laws.effects.shapes import compliances, free_of_aliases, of_column, on_axis, shares_of_load, twists
-from armflex.laws.terms import Factor, Kind, Of, Term, part, powers, tents, waves
+from armflex.laws.terms import Curve, Factor, Of, Term, part, powers, tents, waves
 
 KNOTS = 8
 """Hats of a free shape over the recorded range; the mean is left to the constant parameters."""
@@ -169,7 +169,7 @@ LINE_PLAY = Shape(
     places=_with_all(2),
     amplitudes=(Amplitude("g", "{m}"), Amplitude("slope", "{m} per recorded")),
     terms=lambda here, inner: [
-        [Term(here.direction, features=(part(here.direction / inner[1], Kind.TANH),), factors=factors)]
+        [Term(here.direction, features=(part(here.direction / inner[1], Curve.TANH),), factors=factors)]
         for factors in (powers(_column(here), exponent, inner[0]) for exponent in (0, 1))
     ],
     inner=(MIDDLE, Inner("tau0", "{w}", partial(shares_of_load, shares=(0.1,)))),

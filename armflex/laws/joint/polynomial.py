@@ -15,7 +15,7 @@ import numpy as np
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
 from armflex.errors import LawError, UnknownNameError, did_you_mean, listing
 from armflex.laws.law import Law, Parameter, Row, block_diagonal, check_ordered, embed
-from armflex.laws.terms import UNITS, Kind, Term, Terms, part, power
+from armflex.laws.terms import UNITS, Curve, Term, Terms, part, power
 from armflex.storage.schema import Numbers, check_arrays, check_shapes
 
 _NORMS = {
@@ -190,7 +190,7 @@ class FeatureMap:
             members, name = list(_MEMBERS[place]), FEATURES[place]
             ways = [part(scale[i] * UNITS[i]) for i in members]
             if name in _NORMS and len(members) == 1:
-                features = (replace(ways[0], kind=Kind.SIZE),)
+                features = (replace(ways[0], kind=Curve.SIZE),)
             elif name in _NORMS:
                 counts = np.zeros(6)
                 counts[members] = 1.0
@@ -198,10 +198,10 @@ class FeatureMap:
             elif name.endswith("^3"):
                 features = (*ways, *ways, *ways)
             elif name.endswith("|"):
-                features = (*ways, replace(ways[0], kind=Kind.SIZE))
+                features = (*ways, replace(ways[0], kind=Curve.SIZE))
             else:
                 features = tuple(ways)
-            if len(features) == 1 and features[0].kind is Kind.PART:
+            if len(features) == 1 and features[0].kind is Curve.PART:
                 terms.append(Term(np.zeros(6), np.outer(along, features[0].u)))
             else:
                 terms.append(Term(along, features=features))

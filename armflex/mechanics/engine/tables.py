@@ -33,7 +33,7 @@ REAL = np.dtype(np.float64)
 NO_CHANGES = np.zeros((0, 0, 6, 6))
 
 
-class TableError(InputError):
+class ArmArraysError(InputError):
     """Arrays that describe no arm; C never sees them."""
 
 
@@ -100,13 +100,13 @@ def checked(array: np.ndarray, name: str, kind: np.dtype, *shape: int | tuple[in
 def _within(values: np.ndarray, name: str, low: int, high: int) -> None:
     """Raise where a number is not at least `low` and less than `high`."""
     if len(values) and not (low <= values.min() and values.max() < high):
-        raise TableError(f"{name}: expected numbers from {low} to {high - 1}, got {values.min()} to {values.max()}")
+        raise ArmArraysError(f"{name}: expected numbers from {low} to {high - 1}, got {values.min()} to {values.max()}")
 
 
 def _climbing(starts: np.ndarray, name: str, last: int) -> None:
     """Raise where places do not climb from 0 to `last`."""
     if starts[0] != 0 or starts[-1] != last or (np.diff(starts) < 0).any():
-        raise TableError(f"{name}: expected places that climb from 0 to {last}, got {starts.tolist()}")
+        raise ArmArraysError(f"{name}: expected places that climb from 0 to {last}, got {starts.tolist()}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,55 +187,55 @@ class Tree:
     def _check_elements(self) -> None:
         k, n, joints = len(self.parents), len(self.flexures), self.driven + self.passive
         if not k or self.driven < 0 or self.passive < 0:
-            raise TableError("an arm has a root, and no number of joints below 0")
+            raise ArmArraysError("an arm has a root, and no number of joints below 0")
         if (self.parents[1:] >= np.arange(1, k)).any() or (self.parents < 0).any():
-            raise TableError("parents: expected the number of an element before each")
+            raise ArmArraysError("parents: expected the number of an element before each")
         _within(self.kinds[0], "kinds", 0, 8)
         kind, number = self.kinds[0] & 3, self.kinds[1]
         if kind[0] != RIGID:
-            raise TableError("kinds: the root stands")
+            raise ArmArraysError("kinds: the root stands")
         moving = (kind == TURNS) | (kind == SLIDES)
         _within(number[moving], "joints", 0, joints)
         _within(number[kind == FLEXURE], "flexures", 0, n)
         if len(np.unique(number[moving])) != moving.sum():
-            raise TableError("kinds: a joint moves two elements")
+            raise ArmArraysError("kinds: a joint moves two elements")
         if set(range(self.driven, joints)) - set(number[moving].tolist()):
-            raise TableError("kinds: a joint without a drive moves no element")
+            raise ArmArraysError("kinds: a joint without a drive moves no element")
         inner = self.flexures[self.flexures >= 0]
         _within(inner, "flexures", 1, k)
         if not np.array_equal(np.sort(inner), np.flatnonzero(kind == FLEXURE)):
-            raise TableError("flexures: expected the elements that give, each once")
+            raise ArmArraysError("flexures: expected the elements that give, each once")
         if (number[inner] != np.flatnonzero(self.flexures >= 0)).any():
-            raise TableError("kinds: a flexure has another number than its element")
+            raise ArmArraysError("kinds: a flexure has another number than its element")
         _within(closures := -1 - self.flexures[self.flexures < 0], "closures of flexures", 0, len(self.joins))
         if (self.joins[closures, 0] > ROD).any():
-            raise TableError("flexures: a gear or a spring has none")
+            raise ArmArraysError("flexures: a gear or a spring has none")
         if not 0.0 <= self.elements[-1, 15] < k or self.elements[-1, 15] % 1.0:
-            raise TableError(f"elements: the tip is on element {self.elements[-1, 15]} of {k}")
+            raise ArmArraysError(f"elements: the tip is on element {self.elements[-1, 15]} of {k}")
 
     def _check_ties(self) -> None:
         k, m, kind = len(self.parents), len(self.rows), self.joins[:, 0]
         _within(kind, "ties", 0, GAS + 1)
         _within(self.joins[:, 1:3].ravel(), "ends of ties", 0, k)
         if not np.isin(self.carried, (-1.0, 0.0, 1.0)).all():
-            raise TableError("carried: expected -1, 0 or 1")
+            raise ArmArraysError("carried: expected -1, 0 or 1")
         springs, gears, rods = kind >= COIL, kind == GEAR, kind == ROD
         if (np.diff(springs.astype(int)) < 0).any():
-            raise TableError("ties: springs stand behind closures")
+            raise ArmArraysError("ties: springs stand behind closures")
         start, end = self.joins[:, 3], self.joins[:, 4]
         _within(start[springs], "rows of springs", m, m + len(kind))
         if (end < start).any() or (end[springs] != start[springs]).any() or (end[~springs] > m).any():
-            raise TableError("joins: rows of a tie end before they start, or are none")
+            raise ArmArraysError("joins: rows of a tie end before they start, or are none")
         if (start < 0).any() or ((end - start)[rods | gears] != 1).any() or (start[~springs] > m).any():
-            raise TableError("joins: rows of a tie end before they start, or are none")
+            raise ArmArraysError("joins: rows of a tie end before they start, or are none")
         if (end - start)[~springs].sum() != m or not np.array_equal(start[~springs], np.append(0, end[~springs])[:-1]):
-            raise TableError("joins: expected rows that follow each other")
+            raise ArmArraysError("joins: expected rows that follow each other")
         if (np.diff(gears[~springs].astype(int)) < 0).any():
-            raise TableError("ties: gears stand behind other closures")
+            raise ArmArraysError("ties: gears stand behind other closures")
         _within(self.joins[rods, 5], "lengths", 0, self.driven)
         followers, masters = self.joins[gears, 1], self.joins[gears, 2]
         if not np.isin(self.kinds[0, self.joins[gears, 1:3].ravel()] & 3, (TURNS, SLIDES)).all():
-            raise TableError("ties: a gear is between joints")
+            raise ArmArraysError("ties: a gear is between joints")
         _within(self.kinds[1, followers], "followers", self.driven, self.driven + self.passive)
         _within(self.kinds[1, masters], "masters", 0, self.driven + self.passive)
 
@@ -314,7 +314,7 @@ class Tables:
             _climbing(laws.spans, "spans", terms)
             _climbing(laws.pieces, "pieces", features)
             if not np.isin(laws.shapes[:, 0], range(SHAPES)).all():
-                raise TableError(f"shapes: expected kinds from 0 to {SHAPES - 1}")
+                raise ArmArraysError(f"shapes: expected kinds from 0 to {SHAPES - 1}")
         by_row = {"compliance": (laws.compliance, (n, 6, 6)), "offset": (laws.offset, (n, 6))}
         for name, (array, shape) in (by_row | {"weights": (laws.weights, (terms,))}).items():
             if array is not self._kept.get(name) or len(array) > 1:
@@ -357,14 +357,14 @@ class Tables:
         _within(factors.change[:, 1:3].ravel(), "factors", 0, count)
         _within(factors.weighing.ravel(), "factors", 0, count)
         if (factors.factor[:, :2] % 1.0).any() or (factors.change[:, :3] % 1.0).any() or factors.factor[0, 0]:
-            raise TableError("factors: expected whole numbers, and 1 first")
+            raise ArmArraysError("factors: expected whole numbers, and 1 first")
         for kind, _, _, _, first, size in factors.factor.tolist():
             if kind == TABLE and not (
                 abs(size) >= (2 if size > 0 else 3) and 0 <= first <= len(factors.knots) - abs(size)
             ):
-                raise TableError(f"factors: a table of {size:g} knots from {first:g} of {len(factors.knots)}")
+                raise ArmArraysError(f"factors: a table of {size:g} knots from {first:g} of {len(factors.knots)}")
             if kind in (POWER, CHEBYSHEV) and not 0 <= first <= MOST_POWER:
-                raise TableError(f"factors: a power of {first:g}")
+                raise ArmArraysError(f"factors: a power of {first:g}")
         for name in ("factor", "knots", "change", "weighing", "varies"):
             self._point(name, getattr(factors, name))
         self._point("known", known)

@@ -17,6 +17,8 @@ from armflex.intake.names import paired_names
 COUNT = 12
 TEXTS = sorted(range(1, COUNT + 1), key=str)
 """1 10 11 12 2 ..: as a program sorts that takes numbers for texts."""
+MIXED = (7, 3, 12, 1, 9, 5, 2, 11, 8, 4, 10, 6)
+"""As somebody measures who does not want to see a drift as a place."""
 
 
 def log(path: Path, names: Sequence[str], header: str = "Pose") -> Path:
@@ -100,6 +102,32 @@ def test_points_that_a_program_sorted_are_no_order(tmp_path: Path) -> None:
         intake([tmp_path / "log.csv", points], 5e-5)
 
 
+@pytest.mark.parametrize(
+    ("of_rows", "of_points", "unused"),
+    [
+        ([str(i) for i in range(COUNT)], [f"P{i}" for i in MIXED], "Name"),
+        ([str(i) for i in range(1, COUNT + 1)], [str(10 * i) for i in MIXED], "Name"),
+        ([f"P{i}" for i in TEXTS], None, "Pose"),
+    ],
+)
+def test_numbers_that_do_not_ascend_are_no_order(
+    tmp_path: Path, of_rows: list[str], of_points: list[str] | None, unused: str
+) -> None:
+    """A log that only counts its rows, or an export without names, says nothing against another order."""
+    rows = log(tmp_path / "log.csv", of_rows, "Pose" if of_points is None else "Nr")
+    points = export(tmp_path / "export.csv", of_points or of_rows, MIXED)
+    if of_points is None:
+        points.write_text("".join(line.partition(",")[2] for line in points.read_text().splitlines(keepends=True)))
+    with pytest.raises(TableError, match=rf"which is of which is not certain.*--take '{unused}=unused'"):
+        intake([rows, points], 5e-5)
+
+
+def test_counts_that_went_through_a_spreadsheet(tmp_path: Path) -> None:
+    rows = log(tmp_path / "log.csv", [str(i) for i in range(1, COUNT + 1)])
+    points = export(tmp_path / "export.csv", [f"{i:.3e}" for i in MIXED], MIXED)
+    assert intake([rows, points], 5e-5).columns["x"] == pytest.approx(1e-3 * np.arange(1, COUNT + 1))
+
+
 def test_clocks_outweigh_the_order_of_rows(tmp_path: Path) -> None:
     rows = "".join(f"10:00:{3 * i:02d},{i},-90\n" for i in range(1, 7))
     (tmp_path / "log.csv").write_text(f"time,J1 [deg],J2 [deg]\n{rows}")
@@ -150,6 +178,54 @@ def test_an_orientation_that_is_asked_for_and_open_is_refused(tmp_path: Path) ->
     export(path, names, range(1, 7))
     with pytest.raises(InputError, match="--sigma-r, and no orientation is read"):
         intake(paths, 5e-5, sigma_r=5e-4)
+
+
+def test_places_in_a_list_do_not_say_which_is_w(tmp_path: Path) -> None:
+    turns = [",".join(["", *map(str, one.round(7))]) for one in TURNS.as_quat()]  # x y z w
+    names = [f"P{i}" for i in range(1, 7)]
+    points = export(tmp_path / "export.csv", names, range(1, 7), ",quat0,quat1,quat2,quat3", turns)
+    with pytest.raises(InputError, match="'quat3' is of a quaternion, w first or last: --take 'quat3=qz'"):
+        intake([log(tmp_path / "log.csv", names), points], 5e-5, sigma_r=1e-3)
+
+
+UNITS_OF_HEADERS = {
+    "J{} [gon]": 400.0,
+    "J{} / mdeg": 3.6e5,
+    "J{}, degrees": 360.0,
+    "q_J{}_rev": 1.0,
+    "q_J{} [turns]": 1.0,
+    "J{} [radians]": 2.0 * np.pi,
+    "J{} [counts]": None,
+    "q_J{} [%]": None,
+    "q_J{}_ticks": None,
+    "J{} [0.01deg]": None,
+    "J{} [grad]": None,
+}
+"""Header of a joint -> how many of its unit are a turn, None where nothing says it."""
+
+
+@pytest.mark.parametrize("header", UNITS_OF_HEADERS)
+def test_a_unit_that_a_header_states_is_converted_or_refused(tmp_path: Path, header: str) -> None:
+    per = UNITS_OF_HEADERS[header]
+    names = ",".join(f'"{header.format(i)}"' for i in (1, 2))
+    rows = "".join(f"P{i},{0.05 * i * (per or 4096.0)!r},{-0.1 * (per or 4096.0)!r}\n" for i in range(1, 5))
+    (tmp_path / "log.csv").write_text(f"Pose,{names}\n{rows}")
+    points = export(tmp_path / "export.csv", ["P1", "P2", "P3", "P4"], range(1, 5))
+    if per is None:
+        with pytest.raises(InputError, match=r"is in '.*', which is not known \(rad, .*--take '.*=q_J1_UNIT'"):
+            intake([tmp_path / "log.csv", points], 5e-5)
+        return
+    found = intake([tmp_path / "log.csv", points], 5e-5)
+    assert found.columns["q_J1"] == pytest.approx(0.1 * np.pi * np.arange(1, 5))
+
+
+def test_another_quantity_of_a_joint_is_no_position(tmp_path: Path) -> None:
+    text = "Pose,J1 [deg],J1 [Nm],J1 [A],J1 [°/s]\n" + "".join(f"P{i},{i},3.5,{i},0\n" for i in range(1, 5))
+    (tmp_path / "log.csv").write_text(text)
+    points = export(tmp_path / "export.csv", ["P1", "P2", "P3", "P4"], range(1, 5))
+    found = intake([tmp_path / "log.csv", points], 5e-5)
+    assert found.columns["q_J1"] == pytest.approx(np.radians(np.arange(1, 5)))
+    assert found.columns["J1_Nm"] == [3.5] * 4
 
 
 @pytest.mark.parametrize("name", ["arm/j{}", "arm-j{}", "r.j{}", "joint {}", "r::j{}", "j[{}]", "Gelenk_ä{}"])
@@ -208,6 +284,11 @@ ROWS = ("1,0,500,100,-90", "2,-90,0,550,0")
         (f"{DH},offset [deg]", ("1,0,500,100,-90,0", "2,q2,0,550,0,-90")),
         (f"{DH},home [deg]", ("1,0,500,100,-90,0", "2,0,0,550,0,-90")),
         (f"{DH},flip,sigma", ("1,0,500,100,-90,0,0", "2,-90,0,550,0,0,R")),
+        ("i,theta,d / mm,a / mm,alpha", ("1,0,500,100,-0.5*pi", "2,-np.pi/2,0,550,0")),
+        (
+            "i,θ(i) [gon],d(i) [in],a(i) [in],α(i) [gon]",
+            (f"1,0,{500 / 25.4!r},{100 / 25.4!r},-100", f"2,-100,0,{550 / 25.4!r},0"),
+        ),
         (f"{DH},mass,Remarks", ("1,0,500,100,-90,3,base", "2,-90,0,550,0,4,arm")),
     ],
 )
@@ -232,6 +313,14 @@ def test_what_else_a_dh_table_says_is_read_or_refused(tmp_path: Path) -> None:
         ("skew [deg]", ("0", "1"), "'skew .*--take 'skew"),
     ):
         path.write_text("\n".join([f"{DH},{header}", *(",".join(pair) for pair in zip(ROWS, cells, strict=True))]))
+        with pytest.raises(InputError, match=text):
+            intake([path, rows], None, dh="standard")
+    for header, of_rows, text in (
+        (DH, ("1,q2,500,100,-90", "2,q1,0,550,0"), "dh.csv:3: 'q1' is of another joint than that of its row"),
+        (DH, ("2,0,500,100,-90", "1,0,0,550,0"), "'joint' is 2, 1: put the rows in their order"),
+        (DH.replace("[mm]", "[thou]"), ROWS, r"'d \[thou\]' is in 'thou', which is not known"),
+    ):
+        path.write_text("\n".join([header, *of_rows]))
         with pytest.raises(InputError, match=text):
             intake([path, rows], None, dh="standard")
     path.write_text(f"{DH},beta [deg],type\n{ROWS[0]},0,R\n{ROWS[1]},0.5,P")

@@ -56,6 +56,9 @@ def test_places_that_are_round_are_not_lost() -> None:
         ("time", lambda t: f"{int(t)}"),
         ("time", lambda t: f"2026-11-20T10:00:{int(t):02d}"),
         ("time", lambda t: f"{1e3 * t:.0f}"),
+        ("Zeit / ms", lambda t: f"{1e3 * t:.0f}"),
+        ("time [h]", lambda t: f"{t / 3600:.9f}"),
+        ("time", lambda t: f"10:00:{int(t):02d}:{int(1e3 * (t % 1)):03d}"),
         ("Timestamp", lambda t: f"{1e6 * t:.0f}"),
         ("t", lambda t: f"{1e9 * (t + 9e4):.0f}"),
         ("header.stamp.sec,header.stamp.nanosec", lambda t: f"{1_700_000_000 + int(t)},{1e9 * (t % 1):.0f}"),
@@ -69,6 +72,23 @@ def test_rows_of_a_recording_are_dwells_whatever_its_clock_counts(tmp_path: Path
     (tmp_path / "log.csv").write_text("\n".join(lines))
     rows = [f"{t:.3f},{x:.4f},{y:.4f},{z:.4f}" for t, (x, y, z) in zip(TT, MM, strict=True)]
     fits(intake([tmp_path / "log.csv", export(tmp_path, rows)], 5e-5))
+
+
+@pytest.mark.parametrize(
+    ("form", "text"),
+    [
+        (lambda t: f"{t if t < T[len(T) // 2] else t - T[len(T) // 2]:.3f}", r"log.csv:\d+: its clock goes back"),
+        (lambda t: f"{1e7 * (t + 63e9):.0f}", "'time' is 6.3e.17, no time since 1970"),
+        (lambda t: f"{46000 + t / 86400:.10f}", "'time' has steps of .*e-0[78] s"),
+    ],
+)
+def test_a_clock_that_no_unit_explains_is_refused(tmp_path: Path, form: Callable, text: str) -> None:
+    """Set again amid the recording, and .NET's and spreadsheets' times, in 100 ns and in days."""
+    rows = log(tmp_path).read_text().splitlines()
+    cells = [f"{form(t)},{row.partition(',')[2]}" for t, row in zip(T, rows[1:], strict=True)]
+    (tmp_path / "log.csv").write_text("\n".join([f"time,{rows[0].partition(',')[2]}", *cells]) + "\n")
+    with pytest.raises(InputError, match=text):
+        intake([tmp_path / "log.csv"], None)
 
 
 def test_poses_that_are_minutes_apart_stay_rows(tmp_path: Path) -> None:

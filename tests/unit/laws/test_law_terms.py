@@ -20,7 +20,7 @@ from armflex.laws.effects.in_arm import BoundTwist
 from armflex.laws.effects.location import resolve
 from armflex.laws.joint.carried import AtNode
 from armflex.laws.law import WithoutParameters, by_wrench
-from armflex.laws.terms import Factor, Kind, Of, Term, Terms, part, power, straight, table, tangent_of, twist_of
+from armflex.laws.terms import Curve, Factor, Of, Term, Terms, part, power, straight, table, tangent_of, twist_of
 
 SIZE = np.repeat([300.0, 500.0], 3)
 TWISTS = sorted(name for name, law in LAWS.items() if law.act is Act.TWIST)
@@ -54,7 +54,7 @@ def test_the_tangent_of_every_feature_is_its_derivative() -> None:
     form = random_compliance(2) * 1e3
     ways = [
         part(rng.normal(size=6) / SIZE, kind, 0.2)
-        for kind in (Kind.PART, Kind.SIZE, Kind.CLIPPED, Kind.TANH, Kind.RAMP)
+        for kind in (Curve.PART, Curve.SIZE, Curve.CLIPPED, Curve.TANH, Curve.RAMP)
     ]
     features = [
         *ways,
@@ -83,7 +83,7 @@ class OneSided(WithoutParameters):
     def terms(self) -> Terms:
         way = np.eye(6)[4]
         factors = (Factor(Of.POWER, self.column, (20.0, 10.0, 1.0)),) if self.column else ()
-        bent = Term(np.zeros(6), 0.3 * self.compliance * np.outer(way, way), (part(way / 80.0, Kind.TANH),), factors)
+        bent = Term(np.zeros(6), 0.3 * self.compliance * np.outer(way, way), (part(way / 80.0, Curve.TANH),), factors)
         return straight(self.compliance), bent
 
 

@@ -23,7 +23,7 @@ from armflex.laws import LinearLaw
 from armflex.laws.effects.context import MASS
 from armflex.laws.joint.hardening import HardeningLaw
 from armflex.laws.law import WithoutParameters
-from armflex.laws.terms import Factor, Kind, Of, Term, Terms, part, power, straight, table
+from armflex.laws.terms import Curve, Factor, Of, Term, Terms, part, power, straight, table
 from armflex.mechanics.engine import binding, build
 from armflex.mechanics.engine.tables import Laws, Tables, Tree
 from armflex.mechanics.loop_rows import trees
@@ -43,8 +43,8 @@ class EveryTerm(WithoutParameters):
         way = rng.normal(size=6) / np.repeat([3e3, 1e3], 3)
         form = np.outer(way, way)
         features = (
-            (part(way, Kind.SIZE),), (part(way, Kind.CLIPPED),), (part(way, Kind.TANH, 0.1),), (power(form, 0.5, 1.0),),
-            (power(form, -0.25, 2.0), part(way, Kind.PART)), (part(way, Kind.RAMP, -0.2),),
+            (part(way, Curve.SIZE),), (part(way, Curve.CLIPPED),), (part(way, Curve.TANH, 0.1),),
+            (power(form, 0.5, 1.0),), (power(form, -0.25, 2.0), part(way, Curve.PART)), (part(way, Curve.RAMP, -0.2),),
         )  # fmt: skip
         factors = (
             Factor(Of.POWER, q, (0.1, 2.0, 2.0)), Factor(Of.SINE, q, (3.0,)), Factor(Of.COSINE, q, (2.0,)),
