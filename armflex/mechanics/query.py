@@ -42,8 +42,9 @@ class Prepared:
         check_rows(wrenches, None)
         loaded.flags_under(wrenches, moves=False)  # raises where a link is not the arm's
         self._loaded, self._method, self._enforced, self._wrenches = loaded, method, enforce_limits, tuple(wrenches)
-        self._shape, self._last = (len(loaded.arm.joint_names),), None
-        self._free = [self._workspace()] if method == "exact" else []
+        self._exact, self._shape = method == "exact", (len(loaded.arm.joint_names),)
+        self._last: tuple[Array, Rest] | None = None
+        self._free = [self._workspace()] if self._exact else []
 
     def __call__(self, q: ArrayLike, **covariates: float) -> Array:
         """Return the (6,) displacement of the tip [m, rad], base axes, at (nq,) joint positions [rad or m].
@@ -55,11 +56,12 @@ class Prepared:
         Raises:
             As `Arm.deflection`; the last answer is then still that of the call before.
         """
-        quick = type(q) is np.ndarray and q.shape == self._shape and q.dtype == FLOAT and self._method == "exact"
         given = {name: covariate_array(value, name, 0) for name, value in covariates.items()} if covariates else {}
-        if quick and (rest := self._engine(q, given)):
-            self._last = q.copy(), rest
-            return rest.displacement
+        if self._exact and isinstance(q, np.ndarray) and q.shape == self._shape and q.dtype == FLOAT:
+            rest = self._engine(q, given)
+            if rest is not None:
+                self._last = q.copy(), rest
+                return rest.displacement
         checked, flags = self._loaded.arm.check_position(q, self._enforced)
         case = LoadCase(checked, wrenches=self._wrenches, covariates=given)
         found = deflect(self._loaded, case, flags, self._method)
