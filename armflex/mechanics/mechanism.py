@@ -68,6 +68,8 @@ MOST = 50
 """Newton steps."""
 DIFFERENCE = 1e-5
 """Largest motion of a joint [m, rad] in a difference quotient."""
+EXACT = 1e-14
+"""Residual of a chain [m, rad] after which no more step is made."""
 HALVINGS = 8
 """Of a Newton step after which the residual does not shrink."""
 ROUNDING = 1e-11
@@ -98,6 +100,8 @@ class Closing:
 
     def gaps(self, q: Array, configuration: Array) -> tuple[Array, Array]:
         """Return (m,) gaps and (m, nv) their change per body motion."""
+        if not self._linkage:
+            return NONE, np.zeros((0, self.ties.model.nv))
         gaps, ways = self.ties.place(configuration)
         gaps[self.lengths] -= q[self._driven :] + self.offsets
         return gaps, ways
@@ -419,7 +423,8 @@ class Mechanism:
             history.append(here.largest)
             if not np.isfinite(here.largest):
                 break
-            if here.largest <= TOLERANCE and (last <= POLISHED or not here.largest):
+            exact = not self.linkage and here.largest <= EXACT
+            if here.largest <= TOLERANCE and (last <= POLISHED or exact):
                 if np.abs(here.unclosed).max(initial=0.0) > ALIGNED:
                     raise self.true.unclosed(case.q, here.unclosed)
                 return rigid, here.motion, here.torque, tuple(history)
@@ -487,12 +492,13 @@ class Mechanism:
     ) -> tuple[Array, Array, float, Array]:
         """Return the tangent, the same without loads, the force [N] that one is in both, and `Linear.turned`."""
         given, free, nv = self.given, self.flex.free_v, self.model.nv
-        tangent = self._compliance(torque, row)
+        tangent, turned = self._compliance(torque, row), self.stiffness(configuration, case, -torque[nv:])
+        t, p, m = len(given), len(free), len(ways)
+        if not self.linkage:
+            return np.eye(t) + tangent @ turned[np.ix_(given, given)] @ bodily, np.eye(t), 1.0, turned
         own = self._of_tree_places
         compliance, closing = tangent[np.ix_(own, own)], self._closing(tangent)
-        turned = self.stiffness(configuration, case, -torque[nv:])
         scale = 1.0 / max(float(np.abs(tangent).max(initial=0.0)), 1e-9)
-        t, p, m = len(given), len(free), len(ways)
         base, loads = np.zeros((t + p + m,) * 2), np.zeros((t + p + m,) * 2)
         base[:t, :t] = np.eye(t)
         base[:t, t + p :] = scale * compliance @ ways[:, given].T
@@ -566,7 +572,7 @@ class Mechanism:
         Arguments are as of `linear`.
         """
         matrix, base, *_ = self._about(configuration, motion, torque, case, row)
-        return np.array(np.linalg.solve(base, matrix), dtype=float)
+        return np.array(np.linalg.solve(base, matrix), dtype=float) if self.linkage else matrix
 
     def _about(
         self, configuration: Array, motion: Array, torque: Array, case: LoadCase, row: Row, idle: Array | None = None
