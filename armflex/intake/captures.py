@@ -22,8 +22,9 @@ import numpy as np
 from armflex.conventions import NUMBER, Array
 from armflex.errors import Place, TableError, UnsupportedError, listing, shown
 from armflex.intake.lost import lost
-from armflex.intake.meanings import meanings
+from armflex.intake.meanings import Meaning, meanings
 from armflex.intake.sources import NO_READING, SourceTable
+from armflex.intake.streams import FEWEST
 from armflex.measured.points import LENGTHS
 from armflex.measured.table import text_lines
 
@@ -272,14 +273,44 @@ NO_PLACE = re.compile(
 )
 
 
+WHICH = re.compile(
+    r"(?:id|name|(?:marker|body|rigid[ _]?body|tool|tracker|sensor|handle|port|prism|target|object|subject)s?"
+    r"(?:[ _-]?(?:id|name|no|nr|number|index))?)",
+    re.IGNORECASE,
+)
+"""Header of a column that says which of several things a row is of."""
+
+
+def _of_each(source: SourceTable, meant: Sequence[Meaning]) -> list[SourceTable]:
+    """Return a recording with rows of several things at the same times, `time, id, x, y, z`, as a part for each."""
+    clock = next((i for i, meaning in enumerate(meant) if (meaning.kind, meaning.name) == ("time", "time")), None)
+    at = next((i for i, name in enumerate(source.header) if WHICH.fullmatch(name.strip())), None)
+    if clock is None or at is None or len(source.lines) < FEWEST:
+        return [source]
+    names, times = (list(map(str, source.columns[i])) for i in (at, clock))
+    several = dict.fromkeys(names)
+    if not 1 < len(several) <= len(names) / FEWEST or len(set(times)) > 0.9 * len(times):
+        return [source]
+    kept = [i for i in range(len(source.header)) if i != at]
+    parts = list[SourceTable]()
+    for name in several:
+        rows = [row for row, other in enumerate(names) if other == name]
+        columns = tuple(tuple(source.columns[i][row] for row in rows) for i in kept)
+        header = tuple(source.header[i] for i in kept)
+        lines = tuple(source.lines[row] for row in rows)
+        parts.append(replace(source, header=header, columns=columns, lines=lines, part=name))
+    return parts
+
+
 def markers(source: SourceTable) -> list[SourceTable]:
-    """Return a table whose columns are places of several things (`m1 X, m1 Y, m1 Z, m2 X ..`) as a part for each.
+    """Return a table with places of several things (`m1 X, m1 Y, m1 Z, m2 X ..`, or a row each) as a part for each.
 
     Other tables are returned as they are.
     """
     meant = meanings(source, {})
-    if any(meaning.kind in ("joint", "coordinate") for meaning in meant):
-        return [source]
+    kinds = {meaning.kind for meaning in meant}
+    if kinds & {"joint", "coordinate"}:
+        return [source] if "joint" in kinds else _of_each(source, meant)
     matches = [NAMED_AXIS.fullmatch(name) for name in source.header]
     sources = []
     for i in range(len(matches) - 2):

@@ -128,11 +128,17 @@ def averaged(state: State, evidence: Dense, own: Model, drawn: Sequence[Drawn]) 
     ends = np.cumsum([0, *sizes])
     slots = {number: slice(a, b) for number, a, b in zip((*mine, *kept, *rare), ends[:-1], ends[1:], strict=True)}
     amplitudes, within = np.zeros((len(drawn), ends[-1])), np.zeros((ends[-1],) * 2)
+    none = np.zeros(0, dtype=int)
     for i, one in enumerate(drawn):
-        for each, values, spread in zip(one.model, one.amplitudes, one.spreads, strict=True):
-            amplitudes[i, slots[each.number]] = values
-            if each.number not in mine:  # the fit knows those
-                within[slots[each.number], slots[each.number]] += spread / len(drawn)
+        acting = np.concatenate([none, *(np.r_[slots[each.number]] for each in one.model)])
+        amplitudes[i, acting] = np.concatenate([np.zeros(0), *one.amplitudes])
+        # The fit knows how uncertain what was found is beside none of the rivals: to that each adds, and others follow.
+        # One that is left out is as it is.
+        std = np.sqrt(np.maximum(np.diag(one.spread), np.finfo(float).tiny))
+        left_out, is_rival = acting >= ends[len(mine) + len(kept)], acting >= ends[len(mine)]
+        spread = _given(one.spread / std / std[:, None], left_out)
+        added = (spread - _given(spread, is_rival)) * std * std[:, None]
+        within[np.ix_(acting, acting)] += added / len(drawn)
     # What is fitted anyway as it takes over what is predicted by it.
     columns = np.hstack([np.zeros((len(fit.residual), 0)), *(_columns(evidence, n) for n in (*mine, *kept, *rare))])
     projection = evidence.projection
@@ -140,7 +146,7 @@ def averaged(state: State, evidence: Dense, own: Model, drawn: Sequence[Drawn]) 
     some = np.arange(ends[-1]) >= (ends[len(mine) + len(kept)])
     rest = projection.whole(np.array([one.rest for one in drawn]).T).T + amplitudes[:, some] @ taken[:, some].T
     samples = np.hstack([rest, amplitudes[:, ~some]])
-    follows = np.vstack([np.where(some, taken, -taken), np.eye(ends[-1])[~some]])
+    follows = np.vstack([-taken, np.eye(ends[-1])[~some]])
     between = samples - samples.mean(axis=0)
     spread = between.T @ between / len(drawn) + follows @ within @ follows.T
 
@@ -220,6 +226,12 @@ def _share(state: State, plain: Array, errors: Array) -> float:
     fall = (errors**2 - (plain + share * apart) ** 2).sum(axis=1)
     fall = np.bincount(state.groups, fall)
     return share if fall.sum() > ndtri(1.0 - DOUBT) * np.sqrt(len(fall)) * fall.std() else 1.0
+
+
+def _given(covariance: Array, given: np.ndarray) -> Array:
+    """Return the (K, K) covariance of values of which (K,) some are given."""
+    across = covariance[:, given]
+    return covariance - across @ np.linalg.pinv(across[given], hermitian=True) @ across.T
 
 
 def _columns(evidence: Dense, number: int) -> Array:

@@ -34,15 +34,17 @@ from armflex.laws.effects.compliance import COMPLIANCE
 from armflex.laws.effects.context import AXES_TURN, Context
 from armflex.laws.effects.cross_coupling import CROSS_COUPLING
 from armflex.laws.effects.drive_curve import DRIVE_CURVE, MOST_SINES
+from armflex.laws.effects.effect import TwistLaw
 from armflex.laws.effects.encoder_eccentricity import ENCODER_ECCENTRICITY
 from armflex.laws.effects.encoder_scale import ENCODER_SCALE
 from armflex.laws.effects.location import BASE, Location, drive_axis
 from armflex.laws.effects.shapes import PAIRS, ROUNDING
 from armflex.laws.effects.unnamed import LINE, LINE_COMPLIANCE, LINE_PLAY
+from armflex.laws.effects.wandering import BASE_WANDERING, DRIVE_WANDERING, WALK_TERMS, walk_terms
 from armflex.linear_gaussian import squared
 from armflex.parameters import DOUBT
 from armflex.robot.urdf import Joint
-from armflex.rows.rows import APPROACH, Rows
+from armflex.rows.rows import APPROACH, TIME, Rows
 from armflex.trace.bank import Bank
 from armflex.trace.hypotheses import EFFECTS, FAMILIAL
 from armflex.trace.projection import LEAST_INFORMED, Projection
@@ -516,26 +518,32 @@ def _curve(site: str, axis: str, values: Array, lengths: Array, most: int) -> tu
 
 
 def _wandering(fit: Fit, context: Context) -> Iterator[Member]:
-    """Yield random walks in time: of the instrument's frame, anew in every session, and of every drive."""
+    """Yield random walks in time: of the instrument's frame, anew in every session, and of every drive.
+
+    Those through a whole campaign with a clock are effects of the arm on that clock; others stay behind in it.
+    """
     view, every = fit.view, len(context.row.q)
     # Campaigns have clocks of their own: of several together it is the order of their rows.
     timed = context.timed and len(context.pieces) < 2
-    order = context.column("time") if timed else np.arange(float(every))
-    count = 32  # terms of Karhunen and Loeve: finer ones are noise
-    rates = np.pi * (np.arange(1, count + 1) - 0.5)
+    order = context.column(TIME) if timed else np.arange(float(every))
+    ends = float(order.min()), float(order.max())
+    sizes = np.ones((1, WALK_TERMS))
 
     def walk(site: str, axis: str, rows: np.ndarray, session: str = "") -> Walk:
-        share, waves = (order - order[rows].min()) / (np.ptp(order[rows]) or 1.0), np.zeros((every, count))
-        waves[rows] = np.sqrt(2.0) * np.sin(rates * share[rows, None]) / rates
-        return Walk(site, axis, np.ones(count), waves, session)
+        share, waves = (order - order[rows].min()) / (np.ptp(order[rows]) or 1.0), np.zeros((every, WALK_TERMS))
+        waves[rows] = walk_terms(share[rows])
+        waves[rows] -= waves[rows].mean(axis=0)  # what stays beside it is as it was on average
+        return Walk(site, axis, np.ones(WALK_TERMS), waves, session)
+
+    def whole(law: TwistLaw, site: str, axis: str) -> Candidate | Walk:
+        where = Location(site, axis, (TIME,), tuple(range(WALK_TERMS)))
+        return Candidate(law, where, ends) if timed and ends[0] < ends[1] else walk(site, axis, view.rows)
 
     sessions = np.array(view.sessions)
-    spans = {name: view.rows[sessions == name] for name in dict.fromkeys(view.sessions)}
-    if len(spans) > 1:
-        spans[""] = view.rows
-    for session, rows in spans.items():
-        for axis in TWIST_NAMES[:3]:
-            yield Member("wandering of the instrument", walk(BASE, axis, rows, session), np.ones((1, count)))
+    for axis in TWIST_NAMES[:3]:
+        yield Member("wandering of the instrument", whole(BASE_WANDERING, BASE, axis), sizes)
+        for session in dict.fromkeys(view.sessions) if len(set(view.sessions)) > 1 else ():
+            rows = view.rows[sessions == session]
+            yield Member("wandering of the instrument", walk(BASE, axis, rows, session), sizes)
     for joint in context.robot.moving:
-        acts = walk(joint.name, drive_axis(joint), view.rows)
-        yield Member("wandering of the drives", acts, np.ones((1, count)))
+        yield Member("wandering of the drives", whole(DRIVE_WANDERING, joint.name, drive_axis(joint)), sizes)

@@ -16,6 +16,7 @@ from scipy.special import logsumexp
 
 from armflex.conventions import Array
 from armflex.laws.effects.candidate import places_of
+from armflex.laws.effects.effect import Search
 from armflex.parameters import DOUBT
 from armflex.plan.next_measurement import POSSIBLE
 from armflex.trace.hypotheses import Hypothesis, oddness
@@ -96,7 +97,7 @@ def _elsewhere(screen: Screen, model: Model) -> list[Hypothesis]:
     known, found = {one.hypothesis.one for one in screen.groups}, list[Hypothesis]()
     for shape in (screen.groups[one.number].hypothesis for one in model):
         law, covariates = shape.one.law, shape.one.location.covariates
-        for place in places_of(law, screen.context) if law.sought else ():
+        for place in places_of(law, screen.context) if law.search is Search.RESIDUAL else ():
             one = replace(shape.one, location=place)
             if place.covariates == covariates and one not in known:
                 found.append(replace(shape, one=one, prior=shape.prior + oddness(one) - oddness(shape.one)))
@@ -120,13 +121,13 @@ class Drawn:
     Attributes:
         model: In the places of the model that it was drawn instead of.
         amplitudes: Of each of its hypotheses [the law's unit].
-        spreads: (k, k) covariance of each [the law's unit].
+        spread: (K, K) covariance of all of those.
         rest: (P,) values of what is fitted anyway.
     """
 
     model: Model
     amplitudes: tuple[Array, ...]
-    spreads: tuple[Array, ...]
+    spread: Array
     rest: Array
 
 
@@ -222,11 +223,9 @@ def _drawn(part: Dense, slots: Sequence[Chosen | None], own: Model) -> Drawn:
     model = tuple(one for one in slots if one is not None)
     beside = part.beside(model)
     rest = part.projection.absorbed(part.projection.data - part.columns[:, beside.places] @ beside.values)
-    spreads = []
-    for one, place in zip(model, beside.own, strict=True):
-        scale, axes = part.groups[one.number].scale, beside.inverse[:, place]
-        spreads.append(beside.noise**2 * (axes.T @ axes) * scale * scale[:, None])
-    return Drawn(model, beside.amplitudes, tuple(spreads), rest)
+    scale = np.concatenate([np.zeros(0), *(part.groups[one.number].scale for one in model)])
+    spread = beside.noise**2 * (beside.inverse.T @ beside.inverse) * scale * scale[:, None]
+    return Drawn(model, beside.amplitudes, spread, rest)
 
 
 def _placed(model: Model, own: Model, names: np.ndarray) -> list[Chosen | None]:

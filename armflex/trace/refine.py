@@ -16,7 +16,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.estimate.view import QUOTIENT_STEP
-from armflex.laws.effects.effect import Inner, Values
+from armflex.laws.effects.effect import Inner, Search, Values
 from armflex.laws.effects.slip_step import moments
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.screen import Screen
@@ -46,10 +46,10 @@ def refine(beside: Beside, some: Sequence[Rival]) -> None:
     others = frozenset(screen.groups[one.number].hypothesis.spot for one in beside.model)
     found, odds = list[Hypothesis](), beside.odds.max(axis=1)
 
-    def of_grid(spot: tuple) -> list[Hypothesis]:
+    def of_grid(spot: tuple, most: int) -> list[Hypothesis]:
         known = [group.hypothesis for group in screen.groups[: len(odds)]]
         like = [i for i, one in enumerate(known) if one.spot == spot and one.prior > -np.inf]  # slopes have none
-        return [screen.groups[i].hypothesis for i in sorted(like, key=lambda i: -odds[i])[:MOST_TRIED]]
+        return [screen.groups[i].hypothesis for i in sorted(like, key=lambda i: -odds[i])[:most]]
 
     def best(starts: Sequence[Hypothesis], tau: float) -> list[Hypothesis]:
         tried = [one for start in starts if (one := _Search(screen, beside, start, tau).best()) is not None]
@@ -59,13 +59,15 @@ def refine(beside: Beside, some: Sequence[Rival]) -> None:
         hypothesis = screen.groups[rival.chosen.number].hypothesis
         before = screen.refined.setdefault(hypothesis.spot, set())
         if others not in before and (not before or place < MOST_TRIED):
+            # Where it was refined beside other laws, its place is known almost.
+            most = 1 if before else MOST_TRIED
             before.add(others)
-            starts = of_grid(hypothesis.spot) if hypothesis.one.law.spatial else [hypothesis]
+            starts = of_grid(hypothesis.spot, most) if hypothesis.one.law.search is Search.SPACE else [hypothesis]
             found += best(starts, SCALES[rival.chosen.scale])
     screen.extend(found)
     lead = screen.groups[int(beside.odds.max(axis=1).argmax())].hypothesis
     law, led = lead.one.law, others | {("led by", lead.spot)}
-    if not law.spatial:
+    if law.search is not Search.SPACE:
         return
     # A point of the grid is near the place from some links, and far from it from others.
     inner = tuple(
@@ -77,7 +79,7 @@ def refine(beside: Beside, some: Sequence[Rival]) -> None:
         before = screen.refined.setdefault(spot, set())
         if spot != lead.spot and led not in before:
             before.add(led)
-            grid = of_grid(spot)[0]
+            grid = of_grid(spot, 1)[0]
             there = replace(grid, one=replace(grid.one, inner=inner))
             found += best([grid, there], SCALES[len(SCALES) // 2])
     screen.extend(found)
@@ -93,7 +95,11 @@ def anchored_anew(beside: Beside) -> list[Model]:
     assert isinstance(screen, Screen)
     for i, hypothesis in enumerate(screen.groups[one.number].hypothesis for one in beside.model):
         others = without(beside.model, i)
-        some = (others, *(without(others, j) for j in range(len(others)))) if hypothesis.one.law.spatial else ()
+        some = (
+            (others, *(without(others, j) for j in range(len(others))))
+            if hypothesis.one.law.search is Search.SPACE
+            else ()
+        )
         for rest in some:
             best = rivals(screen.beside(rest), refine, lambda each, spot=hypothesis.spot: each.spot == spot)[:1]
             for whole in [screen.beside((*rest, each.chosen)) for each in best]:

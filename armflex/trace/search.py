@@ -148,13 +148,16 @@ def led(state: State, passing: Callable[[Standing], None]) -> Standing:
 def beginning(state: State) -> Standing:
     """Return a calibrated state with its linear problem as a search begins: with families, where a few names are less.
 
-    A few are as many as are added before the arm is fitted anew.
+    A few are as many as are added before the arm is fitted anew. Nor does it begin with families where a random twist
+    explains more than they do: they would imitate it.
     """
     here, common = standing(state), with_families(state)
     if common is state:
         return here
     few = climbed(here.screen, here.model, refine, most=MOST_TRIED)
-    return here if here.screen.log_posterior(few) > linear(common).value else standing(common, here)
+    scattered = here.value + _odds(here.scattered[0], here.scattered)
+    beside_none = max(here.screen.log_posterior(few), scattered)
+    return here if beside_none > linear(common).value else standing(common, here)
 
 
 def with_families(state: State) -> State:

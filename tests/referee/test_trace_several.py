@@ -66,7 +66,6 @@ def test_what_no_hose_pulls_is_no_rival_of_an_encoder_scale():
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="docs/limits.md: effects are named in place of a random twist")
 def test_something_is_missing_where_a_change_is_left_unexplained():
     found = score("random_pose", 6000, "six", 1.0)
     assert found.verdict == "exact" and found.stated == [(0.0, False)], found

@@ -82,6 +82,7 @@ INNER = {
     "at": 10.0,
     "since": -1.0,
     "start": -0.5,
+    "end": 100.0,
     "lag": 0.0,
     "reference": 20.0,
 }

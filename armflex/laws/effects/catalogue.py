@@ -18,6 +18,7 @@ from armflex.laws.effects.unnamed import (
     WAVE,
     WAVE_PRODUCT,
 )
+from armflex.laws.effects.wandering import BASE_WANDERING, DRIVE_WANDERING
 from armflex.plugins import Registry
 
 NAMED = (
@@ -70,7 +71,7 @@ NAMED = (
 LAWS: tuple[EffectLaw, ...] = (
     *(getattr(import_module(f"armflex.laws.effects.{name}"), name.upper()) for name in NAMED),
     *(LEVEL, LINE, WAVE, BUMP, SPLINE, SPLINE_COMPLIANCE, WAVE_PRODUCT, PRODUCT),
-    *(DRIVE_CURVE, LINE_COMPLIANCE, LINE_PLAY),
+    *(DRIVE_CURVE, LINE_COMPLIANCE, LINE_PLAY, BASE_WANDERING, DRIVE_WANDERING),
 )
 """In the order of preference where the data do not distinguish two laws: the plainer first; then unnamed shapes, and
 last those that are `dense`."""

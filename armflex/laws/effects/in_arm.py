@@ -62,7 +62,8 @@ class BoundTwist(WithoutParameters):
     def terms(self) -> Terms:
         """Return the terms of the effect's law times its amplitudes."""
         if self.law.joined is not None:
-            return self.law.joined(self.here, self.effect.amplitudes, self.effect.inner)
+            together = self.law.joined(self.here, self.effect.amplitudes, self.effect.inner)
+            return [timed for term in together for timed in _timed(term, self.effect)]
         sized = zip(self.effect.amplitudes, self.law.terms(self.here, self.effect.inner), strict=True)
         return [
             amplitude_term

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support import six_axes
@@ -64,8 +66,8 @@ def test_one_arm_predicts_what_models_do_on_average(fitted: State) -> None:
         beside = evidence.beside(model)
         seen = evidence.columns[:, beside.places] @ beside.values
         rest = evidence.projection.absorbed(evidence.projection.data - seen)
-        spreads = tuple(np.zeros((len(one), len(one))) for one in beside.amplitudes)
-        drawn.append(Drawn(model, beside.amplitudes, spreads, rest))
+        count = sum(map(len, beside.amplitudes))
+        drawn.append(Drawn(model, beside.amplitudes, np.zeros((count, count)), rest))
         each.append(fitted.quiet * (seen + evidence.projection.regressors @ rest))
     alone, average = (averaged(fitted, evidence, own, some) for some in (drawn[:1], drawn))
     assert not alone.rivals and len(average.rivals) == 1
@@ -81,6 +83,43 @@ def test_one_arm_predicts_what_models_do_on_average(fitted: State) -> None:
     stated = average.certainty(known)
     assert stated.labels == (*known.labels, *(one.label for block in average.rivals for one in block.parameters))
     assert np.all(np.diag(stated.covariance)[: len(known.parameters)] >= np.diag(known.covariance))
+
+
+def test_a_rival_that_does_what_was_found_does_makes_readings_no_less_certain(fitted: State) -> None:
+    """Amplitudes of two that are all but exchangeable are open, and what they do together is not."""
+    evidence, own = problem(fitted, 0.0)
+    number = next(number for number in range(2, SOME + 2) if len(evidence.groups[number].scale) == 1)
+    rival, columns = Chosen(number, 2), evidence.columns.copy()
+    place, known = evidence.groups[number].places, evidence.groups[own[0].number].places
+    chance = np.random.default_rng(0).normal(size=(len(columns), 1))
+    columns[:, place] = columns[:, known] + 1e-3 * np.linalg.norm(columns[:, known]) / np.linalg.norm(chance) * chance
+    evidence = Dense(evidence.groups, columns, evidence.projection, evidence.priors)
+    beside = evidence.beside((*own, rival))
+    covariance = beside.noise**2 * beside.inverse.T @ beside.inverse
+    left = evidence.projection.left_of(columns[:, beside.places])
+    within = np.einsum("nk,kl,nl->n", left, covariance, left)
+    alone = evidence.beside(own)
+    count = len(alone.places)
+    before = beside.noise**2 * alone.inverse.T @ alone.inverse
+    within -= np.einsum("nk,kl,nl->n", left[:, :count], before, left[:, :count])
+
+    scale = np.concatenate([evidence.groups[one.number].scale for one in (*own, rival)])
+    rest = evidence.projection.absorbed(evidence.projection.data - columns[:, beside.places] @ beside.values)
+    drawn = Drawn((*own, rival), beside.amplitudes, covariance * scale * scale[:, None], rest)
+    average = averaged(fitted, evidence, own, [drawn])
+    every = np.hstack([fitted.fit.regressors / fitted.quiet, columns[:, place] / evidence.groups[number].scale])
+    readings = np.einsum("np,pq,nq->n", every, average.spread, every)
+    np.testing.assert_allclose(readings, within, rtol=1e-3, atol=1e-3 * within.max())
+    assert readings.max() < 0.1 * covariance.diagonal()[-1] * (columns[:, place] ** 2).max()
+
+    # What few models have is left out, and what it could be is no uncertainty of the rest.
+    plain = Drawn(
+        own, alone.amplitudes, np.zeros((count, count)), evidence.projection.absorbed(evidence.projection.data)
+    )
+    rare = averaged(fitted, evidence, own, [drawn, *[plain] * 30])
+    assert not rare.rivals
+    both = averaged(fitted, evidence, own, [replace(drawn, spread=0.0 * drawn.spread), *[plain] * 30])
+    np.testing.assert_allclose(rare.spread, both.spread, rtol=1e-9, atol=1e-9 * np.abs(both.spread).max())
 
 
 @pytest.mark.parametrize(("prior", "kept"), [(30.0, False), (-30.0, True)])

@@ -161,6 +161,26 @@ def test_a_first_row_that_no_row_leads_to_is_predicted_halfway() -> None:
     assert np.linalg.norm(predicted.position[1:] - rows.position[1:], axis=1).mean() < 3.0 * six_axes.SIGMA
 
 
+def test_an_instrument_that_wandered_is_where_it_was_on_its_clock_and_on_average_elsewhere() -> None:
+    arm, rows = six_axes.campaign(150)
+    walk = np.cumsum(np.random.default_rng(3).normal(0.0, 1e-4, len(rows)))
+    position, along = rows.readings.kinds[0], np.array([0.6, 0.0, 0.8])
+    moved = replace(position, values=position.values + walk[:, None] * along)
+    rows = replace(rows, readings=Readings(len(rows), (moved,)))
+    state = with_families(begin(calibrate(arm, rows, as_stated=True)))
+    assert state.background.names == ("wandering of the instrument",)
+    arm = with_posteriors(state.fit.setup.arm, state.fit, certainty_of(state.fit))
+    arm = replace(arm, effects=state.common, instrument=state.fit.setup.instrument)
+    errors = predict(arm, rows).position - rows.position
+    assert np.sqrt((errors**2).mean()) < 1.2 * six_axes.SIGMA
+    another = replace(rows, sha256="of another day")
+    left = predict(arm.left(), another)
+    errors = left.position - rows.position + (walk - walk.mean())[:, None] * along
+    assert np.sqrt((errors**2).mean()) < 1.5 * six_axes.SIGMA
+    assert left.sigma is not None
+    assert np.median(left.sigma @ along) == pytest.approx(walk.std(), rel=0.35)
+
+
 @pytest.mark.parametrize("kind", ["none", "none_noisier"])
 def test_where_nothing_is_hidden_no_family_is_fitted(tmp_path, kind: str) -> None:
     files = draw(kind, 7001, "six").write(tmp_path)

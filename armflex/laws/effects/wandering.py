@@ -1,0 +1,99 @@
+"""What wanders in time: the base or instrument, and the zeros of drives, as a random walk over the campaign.
+
+The walk is a sum of the terms of its Karhunen-Loeve expansion (Ash and Gardner 1975, "Topics in stochastic processes",
+1.4), whose amplitudes have one size, by the evidence; see `armflex.trace.families`. What the base did is not carried to
+another day: its mean stands in for it. The zero of a drive stays where it came to: the best forecast of a random walk
+is its last value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from armflex.conventions import TWIST_NAMES, Array
+from armflex.laws.effects.context import Records
+from armflex.laws.effects.effect import Afterwards, Amplitude, Inner, Plausible, Search, TwistLaw, Values, Words
+from armflex.laws.effects.location import BASE, Here, Location, drive_axis
+from armflex.laws.effects.shapes import ON_THE_FLOOR, of_column, twists
+from armflex.laws.terms import Factor, Term, Terms, table
+from armflex.rows.rows import TIME
+
+WALK_TERMS, FINE = 32, 8
+"""Tolerance: terms of a walk, finer ones are noise; knots of its table for each half-wave of the finest."""
+
+RATES = np.pi * (np.arange(1, WALK_TERMS + 1) - 0.5)
+"""Radians of every term over the campaign."""
+
+
+def walk_terms(share: Array) -> Array:
+    """Return the (..., k) terms of a walk at (...,) shares of its time, at the end of which its variance is 1."""
+    return np.sqrt(2.0) * np.sin(RATES * share[..., None]) / RATES
+
+
+@lru_cache(8)
+def _knots() -> Array:
+    return walk_terms(np.linspace(0.0, 1.0, FINE * WALK_TERMS + 1)).T
+
+
+def _table(inner: Values, values: Array) -> Factor:
+    start, end = inner
+    return table(TIME, start, (end - start) / (len(values) - 1), values.tolist())
+
+
+def _walk(name: str, direction: Callable[[Here, Values], Array], **more: Any) -> TwistLaw:
+    """Return the law of a walk along a direction."""
+
+    def terms(here: Here, inner: Values) -> list[list[Term]]:
+        return twists(direction(here, inner), *([_table(inner, values)] for values in _knots()))
+
+    def joined(here: Here, amplitudes: Sequence[float], inner: Values) -> Terms:
+        return [Term(direction(here, inner), factors=(_table(inner, np.array(amplitudes) @ _knots()),))]
+
+    return TwistLaw(
+        name=name,
+        amplitudes=tuple(Amplitude(f"s{i + 1}", "{m}") for i in range(WALK_TERMS)),
+        inner=(
+            Inner("start", "s", of_column(lambda x: (float(x.min()),)), positive=False, polished=False),
+            Inner("end", "s", of_column(lambda x: (float(x.max()),)), positive=False, polished=False),
+        ),
+        direction=direction,
+        terms=terms,
+        joined=joined,
+        search=Search.NOWHERE,
+        **more,
+    )
+
+
+def _at_base(records: Records) -> list[Location]:
+    every = tuple(range(WALK_TERMS))
+    return [Location(BASE, axis, (TIME,), every) for axis in TWIST_NAMES if records.timed]
+
+
+def _at_drives(records: Records) -> list[Location]:
+    every = tuple(range(WALK_TERMS))
+    return [Location(joint.name, drive_axis(joint), (TIME,), every) for joint in records.robot.moving if records.timed]
+
+
+BASE_WANDERING = _walk(
+    "base_wandering",
+    lambda here, inner: here.direction,
+    words=Words("wandering of the base", "the foundation or the instrument wanders in time", "f(t)"),
+    plausible=Plausible(0.003, 0.003, "a machine that wanders further is bolted down again"),
+    places=_at_base,
+    instead=ON_THE_FLOOR,
+    afterwards=Afterwards.WANDERS,
+)
+
+DRIVE_WANDERING = _walk(
+    "drive_wandering",
+    lambda here, inner: here.drive,
+    words=Words("wandering of a drive", "the joint's zero wanders in time", "f(t)"),
+    plausible=Plausible(0.005, 0.01, "a tooth of a belt"),
+    places=_at_drives,
+    instead="drive to one pose again after every few readings",
+    afterwards=Afterwards.STAYS,
+)
