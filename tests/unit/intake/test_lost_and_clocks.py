@@ -70,6 +70,9 @@ def test_a_place_that_is_held_is_no_reading(tmp_path: Path) -> None:
     found = intake([log(tmp_path), export(tmp_path, rows)], 5e-5)
     fits(found)
     assert not any("where it was before" in note for note in found.notes)
+    rows[300:700] = [f"{t:.3f},0,0,0" for t in TT[300:700]]
+    found = intake([log(tmp_path), export(tmp_path, rows)], 5e-5)
+    assert 0 < list(found.columns["x"]).count("") < 4
 
 
 def test_rows_of_several_targets_are_of_each(tmp_path: Path) -> None:
