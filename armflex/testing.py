@@ -189,9 +189,8 @@ def check_reading(kind: type[Kind], example: str) -> None:
     pose = pin.SE3(pin.exp3(np.array([0.1, -0.2, 0.7])), np.array([1.0, -3.0, 0.5]))
     instrument = Instrument(pose, {}, np.array([0.1, 0.02, -0.05]), 1e-3, np.array([0.4, -1.2, 1.0]))
     unread = kind.unread(ROWS, name=name, about=sensors[name].about)
-    at = look(
-        Setup(replace(heavy, sensors=sensors), instrument), _campaign(heavy, {}), readings=Readings(ROWS, (unread,))
-    ).at
+    setup = Setup(replace(heavy, sensors=sensors), instrument)
+    at = look(setup, _campaign(heavy, {}), readings=Readings(ROWS, (unread,))).at
     readings = replace(unread, values=unread.predicted(at), sigma=np.ones(unread.values.shape))
 
     def slope(change: Callable[[Array], Postures], size: int) -> Array:

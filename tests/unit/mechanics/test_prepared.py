@@ -186,23 +186,6 @@ def test_an_arm_that_turns_too_far_or_buckles(tmp_path):
             soft.prepared(method=method)(np.zeros(3))
 
 
-@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(
-    seed=st.integers(0, 10**6),
-    softness=st.floats(0.1, 30.0),
-    mass=st.floats(0.0, 100.0),
-    kind=st.sampled_from(["linear", "network"]),
-    method=st.sampled_from(METHODS),
-)
-def test_random_arms(tmp_path_factory, seed, softness, mass, kind, method):
-    folder, laws = tmp_path_factory.mktemp("arm"), [LinearLaw(random_compliance(seed + i, softness)) for i in range(3)]
-    arm = networks(folder, (3, 6)[seed % 2]) if kind == "network" else three_joints(folder, laws)
-    try:
-        assert_alike(arm, positions(arm, 3, seed), Payload(mass, [0.2, 0.1, -0.1]), method)
-    except SmallDisplacementError:
-        assert softness > 5.0 or kind == "network"
-
-
 def test_no_answer_depends_on_those_before_it():
     loop, fresh = bundled("tarm_like").prepared("p600"), bundled("tarm_like").prepared("p600")
     one, *others = positions(bundled("tarm_like"), 5)
