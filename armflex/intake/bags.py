@@ -92,6 +92,8 @@ def read_bag(path: Path) -> list[SourceTable]:
     except Exception as error:  # of a damaged file, from whatever depth
         problem = " ".join(str(error).split()) or type(error).__name__
         mends = f"; {MENDS['.bag']} mends one that was not closed" if "index" in problem else ""
+        if path.suffix == ".active":
+            problem, mends = "its recording was not closed", f": call it .bag, then {MENDS['.bag']} mends it"
         raise TableError(Place(path), f"cannot be read as a bag: {problem}{mends}") from None
     sources = _of_joints(path, joints, tuple(notes))
     bodies, frames = defaultdict[str, set[str]](set), defaultdict[tuple[str, str], set[str]](set)

@@ -1,4 +1,4 @@
-"""Motion captures as their programs export them: Motive, Vicon, Qualisys, NDI and C3D.
+"""Motion captures as their programs export them: Motive, Vicon, Qualisys, NDI, TRC and C3D.
 
 Each becomes a part for every body or marker, with a row for each frame. Where a target was lost its places are left as
 they are written, for `lost` to judge; where the program says so itself, they are not numbers.
@@ -212,6 +212,31 @@ def read_qualisys(path: Path) -> list[SourceTable]:
     return sources
 
 
+def read_trc(path: Path) -> list[SourceTable]:
+    """Return every marker of a TRC file, as OpenSim, Motive and Cortex write it.
+
+    Source: OpenSim documentation, "Marker (.trc) Files".
+
+    Raises:
+        TableError: It is cut, or its header lacks units or names.
+    """
+    rows = [[cell.strip() for cell in row] for row in csv.reader(text_lines(path), delimiter="\t")]
+    head = dict(zip(*rows[1:3], strict=False)) if len(rows) > 3 else {}
+    if (unit := head.get("Units", "").lower()) not in LENGTHS or rows[3][:2] != ["Frame#", "Time"]:
+        text = "expected Units in its second line, and Frame# and Time in its fourth: export it again"
+        raise TableError(Place(path, 1), f"{text} (unit {unit!r})")
+    lines = [i for i, row in enumerate(rows, 1) if i > 4 and NUMBER.fullmatch(row[0] if row else "")]
+    body, sources = [rows[i - 1] for i in lines], list[SourceTable]()
+    _whole(path, len(body), head.get("NumFrames", ""))
+    time = _values(path, lines, body, [1])[:, 0]
+    for at, name in enumerate(rows[3]):
+        if at > 1 and name:
+            sources += _body(path, name, lines, time, _values(path, lines, body, range(at, at + 3)), unit)
+    if not sources:
+        raise TableError(Place(path, 4), "names no marker that was read")
+    return sources
+
+
 def read_ndi(path: Path) -> list[SourceTable]:
     """Return every tool of a CSV of NDI's ToolBox or of its Combined API's sample program, whose lengths are in mm.
 
@@ -263,6 +288,7 @@ FORMATS = (
     (re.compile("Format Version"), read_motive),
     (re.compile(VICON), read_vicon),
     (re.compile(r"NO_OF_FRAMES\b"), read_qualisys),
+    (re.compile(r"PathFileType\b"), read_trc),
     (re.compile(r"(?:Tools|ToolInfo)\b.*\bTx\b", re.IGNORECASE), read_ndi),
 )
 """How the first line of an export begins, and who reads it."""

@@ -178,8 +178,9 @@ def held(places: Array, time: Array, spans: Array) -> np.ndarray:
     run = np.cumsum(~same)
     lasts = np.bincount(run)[run] >= HELD
     index = np.searchsorted(spans[:, 0], time, "right") - 1
-    fresh = (index >= 0) & (time <= spans[index, 1]) & ~lasts
-    noisy = np.count_nonzero(fresh) >= HELD * len(spans) and np.count_nonzero(same & fresh) < 0.05 * fresh.sum()
+    fresh = (index >= 0) & (time <= spans[index, 1]) & ~lasts & np.isfinite(places).all(axis=1)
+    usual = np.median(np.bincount(index[fresh], minlength=len(spans)))
+    noisy = usual >= HELD and np.count_nonzero(same & fresh) < 0.05 * np.count_nonzero(fresh)
     return lasts & noisy & same
 
 

@@ -295,6 +295,8 @@ def reach_of(
         for name in payloads:
             arm.payload(name)
     spread = _sigma_of(before, sigma)
+    if arm.robot.reach == 0.0:
+        raise InputError(f"tip {arm.robot.tip!r} stands on the axes of all joints: give a tip that they move")
     if spread.max() > COARSEST * arm.robot.reach:
         text = f"sigma is {spread.max():.3g} m, more than {COARSEST:.0%} of the arm's reach of {arm.robot.reach:.3g} m"
         raise InputError(f"{text}: is it in another unit?")

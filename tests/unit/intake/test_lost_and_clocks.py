@@ -70,6 +70,9 @@ def test_a_place_that_is_held_is_no_reading(tmp_path: Path) -> None:
     found = intake([log(tmp_path), export(tmp_path, rows)], 5e-5)
     fits(found)
     assert not any("where it was before" in note for note in found.notes)
+    rows[300:700] = [f"{t:.3f},0,0,0" for t in TT[300:700]]
+    found = intake([log(tmp_path), export(tmp_path, rows)], 5e-5)
+    assert 0 < list(found.columns["x"]).count("") < 4
 
 
 def test_rows_of_several_targets_are_of_each(tmp_path: Path) -> None:
@@ -187,6 +190,15 @@ def qualisys(folder: Path, header: bool) -> Path:
     return folder / "export.tsv"
 
 
+def trc(folder: Path) -> Path:
+    lines = ["PathFileType\t4\t(X/Y/Z)\tx.trc", "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits",
+             f"100\t100\t{len(MM)}\t1\tmm", "Frame#\tTime\tball\t\t", "\t\tX1\tY1\tZ1", ""]  # fmt: skip
+    lines += [f"{i + 1}\t{t:.5f}\t" + ("\t".join(f"{one:.3f}" for one in at) if i % 9 else "\t\t")
+              for i, (t, at) in enumerate(zip(TT, MM, strict=True))]  # fmt: skip
+    (folder / "export.trc").write_text("\n".join(lines) + "\n")
+    return folder / "export.trc"
+
+
 def ndi(folder: Path) -> Path:
     lines = ["Tools,Port 0x01: ball,Frame,Time [sec],Face,State,Q0,Qx,Qy,Qz,Tx,Ty,Tz,Error,Markers,State,Tx,Ty,Tz"]
     for i, (at, turn) in enumerate(zip(MM, TURNED.as_quat(), strict=True)):
@@ -205,7 +217,7 @@ def columns(folder: Path) -> Path:
 @pytest.mark.parametrize(
     ("write", "targets"),
     [(vicon, ()), (lambda folder: qualisys(folder, True), ()), (lambda folder: qualisys(folder, False), ()), (ndi, ()),
-     (columns, ("m1",))],
+     (trc, ()), (columns, ("m1",))],
 )  # fmt: skip
 def test_exports_of_motion_captures(tmp_path: Path, write: Callable, targets: tuple[str, ...]) -> None:
     fits(intake([log(tmp_path), write(tmp_path)], 5e-5, targets=targets))
