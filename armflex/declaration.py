@@ -275,6 +275,11 @@ class Declaration:
         """Return finite numbers of one shape under every key of this table."""
         return {name: self.numbers(name, shape) for name in self.table}
 
+    def among(self, names: Collection[str], problem: str) -> None:
+        """Raise `ArmFileError` for the first key that is none of some names; `problem` is what is said of it."""
+        for key in [key for key in self.table if key not in names]:
+            raise self.fail(key, f"{problem.format(key)}{did_you_mean(key, names)}")
+
     def array_of(self, key: str) -> list[Declaration]:
         """Return the tables of [[key]], in order; empty when there are none."""
         if not self.has(key):

@@ -28,6 +28,7 @@ from armflex.measured.forces import (
 )
 from armflex.measured.table import (
     NOTHING,
+    Table,
     Tabular,
     check_asked,
     check_payloads,
@@ -419,19 +420,7 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
     warn(
         [Flag("text_column", f"column {name!r} is text: nothing depends on it, and it is left out") for name in remarks]
     )
-    try:
-        covariates = {name: table.numbers(name) for name in others if name not in remarks}
-    except TableError as error:
-        if not {"x", "y", "z"} <= set(others):
-            raise
-        text = "a path has no readings x y z: is this a campaign? `predict` and `calibrate` read one"
-        raise TableError(error.place, f"{error.problem}; {text}") from None
-    try:
-        for name, values in covariates.items():
-            for value in dict.fromkeys(values.tolist()):
-                check_approaches({name: value}, arm.joint_names)
-    except InputError as error:
-        raise table.fail(str(error)) from None
+    covariates = _covariates(table, [name for name in others if name not in remarks], arm)
     if not len(table):
         raise TableError(Place(table.path), "has a header but no rows")
     payload = table.texts("payload") if "payload" in table.columns else ("",) * len(table)
@@ -444,11 +433,9 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
     slow = np.diff(time) >= SHORTEST
     if not slow.all():
         raise table.fail(f"time does not increase, by {SHORTEST:g} s at least", np.argmin(slow) + 1)
-    moved: dict[str, Array | None] = {}
-    for prefix in ("v", "a", TARGET):
-        given = any(name in table.columns for name in names[prefix])
-        table.require(names[prefix] if given else ())
-        moved[prefix] = table.matrix(names[prefix]) if given else None
+    given = [prefix for prefix in ("v", "a", TARGET) if any(name in table.columns for name in names[prefix])]
+    table.require([name for prefix in given for name in names[prefix]])
+    moved = {prefix: table.matrix(names[prefix]) if prefix in given else None for prefix in ("v", "a", TARGET)}
     if (target := moved[TARGET]) is not None:
         check_joint_units(target, arm, places, TARGET)
     return Trajectory(
@@ -464,6 +451,24 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
         wrenches=read_loads(table, arm, unnamed.force),
         target=moved[TARGET],
     )
+
+
+def _covariates(table: Table, names: Sequence[str], arm: Arm) -> dict[str, Array]:
+    """Return the (N,) numbers of further columns."""
+    try:
+        covariates = {name: table.numbers(name) for name in names}
+    except TableError as error:
+        if not {"x", "y", "z"} <= set(names):
+            raise
+        text = "a path has no readings x y z: is this a campaign? `predict` and `calibrate` read one"
+        raise TableError(error.place, f"{error.problem}; {text}") from None
+    try:
+        for name, values in covariates.items():
+            for value in dict.fromkeys(values.tolist()):
+                check_approaches({name: value}, arm.joint_names)
+    except InputError as error:
+        raise table.fail(str(error)) from None
+    return covariates
 
 
 def are_remarks(cells: Sequence[str]) -> bool:

@@ -75,6 +75,12 @@ CONCERNS = {
 }
 """Option -> the models that it concerns; one that is not here concerns all."""
 
+NEEDS = (
+    ("structural", "assembly", "nodes, sub-joints and beams, as in an arm.toml"),
+    ("torch", "module", "a class that makes a torch.nn.Sequential"),
+)
+"""Models that need an option, which one, and what it is."""
+
 MODELS = ("linear", "polynomial", "structural", "neural", "bayesian", "torch", "auto")
 
 
@@ -87,23 +93,22 @@ def learner(model: str, options: Options) -> Learner:
         UnknownNameError: No such model.
         InputError: It has no such options.
     """
-    allow = options.allow_unconverged
+    for option, text in [need for of, *need in NEEDS if of == model and getattr(options, need[0]) is None]:
+        raise InputError(f"a {model} model needs its {option}: {text}")
     match model:
         case "linear":
             return lambda loads, deflections, seed: _compliance(loads, deflections, options.structure)
         case "polynomial" if tuple(options.features) == (FOUND,):
             return fit_terms
+        case "polynomial" if FOUND in options.features:
+            given = ", ".join(options.features)
+            raise InputError(f"features {given}: {FOUND!r} looks for all terms, give it alone")
         case "polynomial":
-            if FOUND in options.features:
-                given = ", ".join(options.features)
-                raise InputError(f"features {given}: {FOUND!r} looks for all terms, give it alone")
             return lambda loads, deflections, seed: _polynomial(loads, deflections, options.features)
         case "structural":
             from armflex.bench.fit_structural import fit_structural
 
-            if (assembly := options.assembly) is None:
-                parts = "nodes, sub-joints and beams"
-                raise InputError(f"a structural model needs its assembly: {parts}, as in an arm.toml")
+            assembly: Any = options.assembly
             return lambda loads, deflections, seed: fit_structural(loads, deflections, assembly)
         case "neural":
             from armflex.bench.fit_network import fit_network
@@ -118,14 +123,12 @@ def learner(model: str, options: Options) -> Learner:
 
             sampler = options.sampler or "laplace"
             return lambda loads, deflections, seed: fit_bayesian(
-                loads, deflections, options.neurons, sampler, seed, allow_unconverged=allow
+                loads, deflections, options.neurons, sampler, seed, allow_unconverged=options.allow_unconverged
             )
         case "torch":
             from armflex.bench.fit_torch import fit_torch
 
-            if options.module is None:
-                raise InputError("a torch model needs its module: a class that makes a torch.nn.Sequential")
-            make = options.module
+            make: Any = options.module
             return lambda loads, deflections, seed: fit_torch(loads, deflections, make, options.starts, seed)
     raise UnknownNameError("joint deformation model to train", model, MODELS)
 

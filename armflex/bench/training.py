@@ -172,27 +172,8 @@ def train(
         compared = compare(plain, data, seed, step=step)
     errors = (data.deflections - predicted(fitted.law, data.loads)) / data.factors
     train_rms, held_out_rms = np.sqrt((errors**2).mean(axis=0)), held.rms / data.factors
-    plain_options = asdict(replace(options, assembly=None, module=None))
-    given = {key: value for key, value in plain_options.items() if value is not None}
-    metadata = {
-        "armflex": __version__,
-        "numpy": np.__version__,
-        "data": data.path.name,
-        "sha256": data.sha256,
-        "rows": len(data),
-        "units": list(data.units),
-        "options": {key: list(value) if isinstance(value, tuple) else value for key, value in given.items()},
-        "structure": structure,
-        "train_rms": train_rms.tolist(),
-        "held_out_rms": held_out_rms.tolist(),
-        "held_out": held.how,
-    }
-    # What the sampler says of itself, nothing where none ran; null for what is not finite.
-    said = {key: value for key, value in asdict(fitted.diagnostics).items() if value is not None and key != "seconds"}
-    if said:
-        metadata["diagnostics"] = {name: value if np.isfinite(value) else None for name, value in said.items()}
     return TrainResult(
-        trained=TrainedLaw(fitted.law, model, metadata),
+        trained=TrainedLaw(fitted.law, model, _metadata(data, options, fitted, held, train_rms)),
         rows=len(data),
         units=data.units,
         train_rms=train_rms,
@@ -206,6 +187,30 @@ def train(
         flags=(*flags, *law_flags(data, fitted), *_worth(model, held, compared, negligible(data.deflections))),
         seconds=seconds,
     )
+
+
+def _metadata(data: JointData, options: Options, fitted: Fitted, held: HeldOutFolds, rms: Array) -> dict[str, Any]:
+    """Return what a law's file says of how it was trained; `rms` (k,) is in the table's units."""
+    plain_options = asdict(replace(options, assembly=None, module=None))
+    given = {key: value for key, value in plain_options.items() if value is not None}
+    metadata = {
+        "armflex": __version__,
+        "numpy": np.__version__,
+        "data": data.path.name,
+        "sha256": data.sha256,
+        "rows": len(data),
+        "units": list(data.units),
+        "options": {key: list(value) if isinstance(value, tuple) else value for key, value in given.items()},
+        "structure": options.structure,
+        "train_rms": rms.tolist(),
+        "held_out_rms": (held.rms / data.factors).tolist(),
+        "held_out": held.how,
+    }
+    # What the sampler says of itself, nothing where none ran; null for what is not finite.
+    said = {key: value for key, value in asdict(fitted.diagnostics).items() if value is not None and key != "seconds"}
+    if said:
+        metadata["diagnostics"] = {name: value if np.isfinite(value) else None for name, value in said.items()}
+    return metadata
 
 
 def _counting(progress: Progress | None, total: int) -> Callable[..., None]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import click
@@ -99,10 +99,8 @@ def print_calibration(calibration: Calibration, show_all: bool = False) -> None:
     ]
     cells = [[name, *("-" if rms is None else number(rms * factor) for rms in pair)] for name, *pair in figures]
     what = calibration.fit.view.readings.error_title
-    what = what[0].upper() + what[1:]
-    print_table(
-        f"{what} over {len(calibration.fit.view.rows)} rows", ["", f"RMS {unit}", f"poses held out {unit}"], cells
-    )
+    title = f"{what[0].upper()}{what[1:]} over {len(calibration.fit.view.rows)} rows"
+    print_table(title, ["", f"RMS {unit}", f"poses held out {unit}"], cells)
     if at_target := calibration.fit.view.at_target(calibration.rms):
         say(at_target)
     print_campaigns(calibration.campaigns, ("declared", "calibrated"), calibration.fit.view.readings.shown_in)
@@ -118,10 +116,8 @@ def print_calibration(calibration: Calibration, show_all: bool = False) -> None:
     chosen = calibration.parameters if show_all else sorted(shown, key=lambda parameter: -abs(parameter.pull))[:8]
     if chosen:
         columns = ["parameter", "value", "± std", "unit", "prior deviations", "determined"]
-        cells = [_cells(parameter, words) for parameter in chosen]
-        print_table(
-            "Parameters" if show_all else "Parameters that moved most, relative to their priors", columns, cells
-        )
+        title = "Parameters" if show_all else "Parameters that moved most, relative to their priors"
+        print_table(title, columns, [_cells(parameter, words) for parameter in chosen])
     blind = [p for p in calibration.undetermined if p.kind is not ParameterKind.LAW]
     if blind:
         called = {name: word for name, (word, _) in words.items()}
@@ -129,27 +125,27 @@ def print_calibration(calibration: Calibration, show_all: bool = False) -> None:
         cells = [[called.get(p.name, p.name), p.reason(called)] for p in blind[:12]]
         more = f" (12 of {len(blind)})" if len(blind) > 12 else ""
         print_table(f"What these data cannot determine{more}", ["not determined", "reason"], cells)
+    say(*_remarks(calibration))
+
+
+def _remarks(calibration: Calibration) -> Iterator[str]:
+    """Yield what is said of the readings: how they scatter, and which were left out."""
     if not calibration.fit.blocks:
-        say("Nothing was fitted: [prior] frees nothing.")
-    scatters, several = calibration.fit.scatters, len(calibration.fit.scatters) > 1
+        yield "Nothing was fitted: [prior] frees nothing."
+    scatters = calibration.fit.scatters
     names = dict.fromkeys(kind.name or "the tracker" for kind in calibration.fit.view.readings.kinds)
     for name, scatter in zip(names, scatters, strict=True):
         if scatter > SCATTERED:
-            whose = f"The readings of {name}" if several else "The readings"
-            say(
-                f"{whose} scatter {scatter:.2g} times as much as stated, and were weighted by that: an effect is "
-                "missing, which the fitted parameters may absorb in part. `armflex trace` searches for it."
-            )
-    if calibration.left_out:
-        say(
-            f"Excluded as outliers by the robust fit: readings of {calibration.left_out} rows, "
-            "which no figure includes."
-        )
+            whose = f"The readings of {name}" if len(scatters) > 1 else "The readings"
+            text = f"{whose} scatter {scatter:.2g} times as much as stated, and were weighted by that: an effect is "
+            yield f"{text}missing, which the fitted parameters may absorb in part. `armflex trace` searches for it."
+    if count := calibration.left_out:
+        yield f"Excluded as outliers by the robust fit: readings of {count} rows, which no figure includes."
     for outlier in calibration.outliers[:5]:
         unit, factor = outlier.shown_in
         by = f" by {outlier.instrument}" if outlier.instrument else ""
         other = f": exchanged with the reading of {outlier.fellow}" if outlier.fellow else ""
-        say(f"outlier: {outlier.place}, {number(outlier.error_m * factor, 3)} {unit} off{by}{other}")
+        yield f"outlier: {outlier.place}, {number(outlier.error_m * factor, 3)} {unit} off{by}{other}"
 
 
 def print_campaigns(campaigns: Sequence[OfCampaign], stages: tuple[str, str], unit: str | Shown) -> None:

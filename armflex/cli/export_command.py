@@ -108,20 +108,15 @@ def command(arm: Arm, unnamed: Unnamed, target: str, output: Path | None, **give
     asked |= {} if unnamed == UNLOADED else {"unnamed": unnamed}
     context = click.get_current_context()
     flags = {declared.name: declared.opts[0] for declared in context.command.params}
-    for option in asked:
-        if option not in wanted.options:
-            targets = [name for name in FORMATS if option in _exporter(name)[0].options]
-            flag = flags.get(option, "--payload or --force")
-            raise InputError(f"{flag} has no meaning for --to {target}; it is an option of --to {listing(targets)}")
-    for option in wanted.needs:
-        if option not in asked and not (option == "output" and output):
-            choices = {
-                parameter.name: parameter.type.choices
-                for parameter in context.command.params
-                if isinstance(parameter.type, options.Choice)
-            }
-            more = f" {' or '.join(choices[option])}" if option in choices else ""
-            raise InputError(f"--to {target} needs {flags[option]}{more}")
+    for option in [option for option in asked if option not in wanted.options]:
+        targets = [name for name in FORMATS if option in _exporter(name)[0].options]
+        flag = flags.get(option, "--payload or --force")
+        raise InputError(f"{flag} has no meaning for --to {target}; it is an option of --to {listing(targets)}")
+    given_too = {"output"} if output else set[str]()
+    for option in [option for option in wanted.needs if option not in asked.keys() | given_too]:
+        kind = next(declared.type for declared in context.command.params if declared.name == option)
+        more = f" {' or '.join(kind.choices)}" if isinstance(kind, options.Choice) else ""
+        raise InputError(f"--to {target} needs {flags[option]}{more}")
     if wanted.module and "traj" in asked:
         asked["arm_file"] = str(context.params["arm_path"])
     doing("exporting")

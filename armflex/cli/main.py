@@ -114,35 +114,42 @@ def main() -> None:
             stream.reconfigure(errors="replace")  # a terminal that has no ± shows ? instead of a traceback
     try:
         code = armflex.main(standalone_mode=False)
-    except click.exceptions.Abort:
-        _interrupted()
     except ASKS_FOR_HELP as error:
         error.show()
         sys.exit(2)
-    except click.ClickException as error:
-        # Worded as everything else is: one line, and where to read on.
-        text = " ".join(error.format_message().split()).rstrip(".")
-        if isinstance(error, click.NoSuchOption) and error.option_name in GONE:
-            text = f"{error.option_name} is no more: {GONE[error.option_name]}"
-        context = getattr(error, "ctx", None)
-        _fail(text[:1].lower() + text[1:] + (f" (see {context.command_path} --help)" if context else ""), 2)
     except Exception as error:
-        from armflex.errors import ArmflexError, InputError
-
-        if _was_interrupted(error):
+        if isinstance(error, click.exceptions.Abort) or _was_interrupted(error):
             _interrupted()
-        if isinstance(error, MemoryError):
-            _fail("there is not enough memory for this", 1)
-        if isinstance(error, BrokenPipeError):  # nobody reads on, as `head` does
-            _terminal().nobody_reads(1)
-            sys.exit(0)
-        if isinstance(error, OSError):
-            _fail(f"{error.strerror or error}{f': {error.filename}' if error.filename else ''}", 2)
-        if not isinstance(error, ArmflexError):
-            raise
-        _fail(getattr(error, "problems", str(error)), 2 if isinstance(error, InputError) else 1)
+        _fail(*_said_of(error))
     _flush()
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _said_of(error: Exception) -> tuple[str | tuple[str, ...], int]:
+    """Return what is said of an error, and the exit code; raise one that nobody foresaw."""
+    from armflex.errors import ArmflexError, InputError
+
+    match error:
+        case click.NoSuchOption(option_name=name) if name in GONE:
+            return f"{name} is no more: {GONE[name]}{_read_on(error)}", 2
+        case click.ClickException():  # worded as everything else is: one line, and where to read on
+            text = " ".join(error.format_message().split()).rstrip(".")
+            return text[:1].lower() + text[1:] + _read_on(error), 2
+        case MemoryError():
+            return "there is not enough memory for this", 1
+        case BrokenPipeError():  # nobody reads on, as `head` does
+            _terminal().nobody_reads(1)
+            sys.exit(0)
+        case OSError():
+            return f"{error.strerror or error}{f': {error.filename}' if error.filename else ''}", 2
+        case ArmflexError():
+            return getattr(error, "problems", str(error)), 2 if isinstance(error, InputError) else 1
+    raise error
+
+
+def _read_on(error: Exception) -> str:
+    context = getattr(error, "ctx", None)
+    return f" (see {context.command_path} --help)" if context else ""
 
 
 def _open_streams() -> None:

@@ -20,7 +20,7 @@ from armflex.laws import Law
 from armflex.laws.declared import Flexure
 from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.context import Context
-from armflex.laws.effects.effect import Effect, EffectLaw, full
+from armflex.laws.effects.effect import Effect, EffectLaw, Search, full
 from armflex.laws.joint.carried import ScaledLaw, scaled
 from armflex.laws.law import split
 from armflex.laws.learned import LearnedLaw, Seen, learned_law, seen_in
@@ -262,7 +262,7 @@ def amplitude_prior(effect: Effect, free: tuple[int, ...], view: View, context: 
     # What moves nothing stays at zero rather than wander off.
     amplitudes = np.where(moved > 0.0, view.largest_motion / np.where(moved > 0.0, moved, 1.0), RESOLUTION)
     amplitudes = np.minimum(amplitudes, [effect.law.amplitudes[i].most for i in effect.location.terms])
-    far = context.size if effect.law.spatial else np.inf
+    far = context.size if effect.law.search is Search.SPACE else np.inf
     searched = [
         inner.spread or (LOOSE_INNER if inner.positive else far) for inner in map(effect.law.inner.__getitem__, free)
     ]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import permutations, product
 
 import numpy as np
@@ -258,111 +259,104 @@ def _fitted(seen: SeenRows, families: Sequence[Family], before: float) -> list[F
     return sorted(fits, key=lambda fitted: fitted.cost + fitted.misreading.mistakes)[:FEW]
 
 
+def _steps(travel: float, least: float, most: float) -> list[Array]:
+    """Return units in which a joint travels so far, a ninth apart: refining goes on from there."""
+    return [np.array([step]) for step in np.geomspace(least, most, 40) / max(travel, RESOLUTION)]
+
+
+def _diagonal(which: np.ndarray, gain: Array | float = 1.0, zero: Array | float = 0.0) -> Map:
+    """Return the map of some of the joints to q times a number and a gain, from a zero."""
+    return lambda numbers: (np.diag(np.where(which, gain * numbers[0], 1.0)), np.where(which, zero, 0.0))
+
+
 def _scales(seen: SeenRows, units: dict[str, str]) -> Iterator[Family]:
     """Yield the families of a unit, with a zero: of all turning joints, of each joint alone, of parts of the limits."""
-    robot, count = seen.arm.robot, seen.q.shape[1]
+    robot, spread = seen.arm.robot, np.ptp(seen.q, axis=0)
     turns = np.array([joint.kind != "prismatic" for joint in robot.moving])
+    turned = (0.1, 7.0)  # rad that the most travelled joint of a campaign travels
+    if turns.sum() > 1 and spread[turns].max() > RESOLUTION:
+        head = next(units[joint.name] for joint, is_turn in zip(robot.moving, turns, strict=True) if is_turn)
+        steps = _steps(float(spread[turns].max()), *turned)
+        yield from _together(seen, turns, steps, head)
+        yield from _counted(seen, turns, steps, head)
+    for i in np.flatnonzero(spread >= RESOLUTION):
+        joint = robot.moving[i]
+        travel = joint.upper - joint.lower if np.isfinite([joint.lower, joint.upper]).all() else 2.0
+        most = 3.0 * max(travel, LARGEST_MOTION)
+        steps = _steps(float(spread[i]), *(turned if turns[i] else (most / 100.0, most)))
+        name = partial(_named_unit, f"q_{joint.name}", units[joint.name], bool(turns[i]))
+        yield Family(_diagonal(np.arange(len(turns)) == i), steps, name)
+
+
+def _named_unit(column: str, head: str, turns: bool, numbers: Array, alike: float) -> Called:
+    """Return the convention that one column is in another unit than `head`."""
+    by = UNITS["angle" if turns else "length"].get(head, 1.0)
+    value, unit = _unit(numbers[0] * by, LOGGED_ANGLES if turns else LOGGED_LENGTHS, alike)
+    by_hand = f"convert it: {value / by:.9g} {column} {head or ('rad' if turns else 'm')}"
+    return np.array([value / by]), f"{column} is in {unit}", _header(unit, column, head) or by_hand, 1
+
+
+TURNING = "the turning joints are"
+
+
+def _together(seen: SeenRows, turns: np.ndarray, steps: Sequence[Array], head: str) -> Iterator[Family]:
+    """Yield the families of one unit of all turning joints, from zero, the limits or their middle, and of parts."""
+    robot, names = seen.arm.robot, [joint.name for joint in seen.arm.robot.moving]
+    written = UNITS["angle"].get(head, 1.0)
+
+    def of_unit(zero: Array | float, words: str, more: str) -> Family:
+        def named(numbers: Array, alike: float) -> Called:
+            value, unit = _unit(numbers[0] * written, LOGGED_ANGLES, alike)
+            value /= written
+            remedy = _header(unit, "q_...", head) or f"convert them: q = {value:.9g} q {head or 'rad'}"
+            wrong = [f"in {unit}"] if abs(value - 1.0) > ROUND else []
+            remedy = "; ".join(part for part in (remedy if wrong else "", more) if part)
+            wrong += [words] if words else []
+            return np.array([value]), f"{TURNING} {', '.join(wrong)}", remedy, max(len(wrong), 1)
+
+        return Family(_diagonal(turns, zero=zero), steps, named)
+
+    yield of_unit(0.0, "", "")
+    if not np.isfinite([robot.lower[turns], robot.upper[turns]]).all():
+        return
     limited = np.isfinite(robot.lower) & np.isfinite(robot.upper)
     lower, upper = np.where(limited, robot.lower, -1.0), np.where(limited, robot.upper, 1.0)
     middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
-    spread = np.ptp(seen.q, axis=0)
+    for zero, what, least in ((middle, "the middle of their limits", ROUND), (lower, "their lower limits", -1.0)):
+        shifts = [f"{by:+.4g} to q_{name}" for name, by in zip(names, zero, strict=True) if abs(by) > least]
+        if (np.abs(zero[turns]) > least).any():
+            yield of_unit(zero, f"counted from {what}", f"add {listing(shifts)} [rad]")
+    for zero, low in ((middle, -1.0), (lower, 0.0)):
+        whole = 1.0 if low else 2.0
 
-    least_turn, most_turn = 0.1, 7.0  # rad that the most travelled joint of a campaign travels
+        def named(numbers: Array, alike: float, low: float = low, whole: float = whole) -> Called | None:
+            round_ = 10.0 ** round(np.log10(abs(whole / numbers[0])))
+            if abs(round_ / (whole / numbers[0]) - 1.0) > ROUND:
+                return None
+            text = f"{TURNING} parts of their limits, {low * round_:g} to {round_:g}"
+            parts = f"(q {-low * round_:+g}) / {round_ - low * round_:g}"
+            return np.array([whole / round_]), text, f"convert them: q = lower + (upper - lower) {parts}", 1
 
-    def steps(travel: float, least: float, most: float) -> Array:
-        return np.geomspace(least, most, 40) / max(travel, RESOLUTION)  # a ninth apart: refining goes on from there
+        yield Family(_diagonal(turns, half, zero), [step * 0.5 / np.median(half[turns]) for step in steps], named)
 
-    def common(zero: Array) -> Map:
-        def made(numbers: Array) -> tuple[Array, Array]:
-            return np.diag(np.where(turns, numbers[0], 1.0)), np.where(turns, zero, 0.0)
 
-        return made
+def _counted(seen: SeenRows, turns: np.ndarray, steps: Sequence[Array], head: str) -> Iterator[Family]:
+    """Yield the family of counts from a zero that all turning joints have in common."""
+    written, centre = UNITS["angle"].get(head, 1.0), float(np.median(seen.q[:, turns]))
+    if abs(centre) <= ROUND * np.ptp(seen.q, axis=0)[turns].max():
+        return
 
     def from_count(numbers: Array) -> tuple[Array, Array]:
         scale, zero = numbers
         return np.diag(np.where(turns, scale, 1.0)), np.where(turns, -scale * zero, 0.0)
 
-    def of_limits(start: Array) -> Map:
-        def made(numbers: Array) -> tuple[Array, Array]:
-            return np.diag(np.where(turns, half * numbers[0], 1.0)), np.where(turns, start, 0.0)
+    def named(numbers: Array, alike: float) -> Called:
+        value, unit = _unit(numbers[0] * written, LOGGED_ANGLES, alike)
+        zero = _round_zero(numbers[1] / written, 2.0 * np.pi / value)
+        remedy = f"convert them: q = {value / written:.9g} (q - {zero:.6g}) {head or 'rad'}"
+        return np.array([value / written, zero * written]), f"{TURNING} in {unit}, with zero at {zero:.6g}", remedy, 2
 
-        return made
-
-    names, every = [joint.name for joint in robot.moving], "the turning joints are"
-    head = next((units[name] for name, is_turn in zip(names, turns, strict=True) if is_turn), "")
-    written = UNITS["angle"].get(head, 1.0)
-    if turns.sum() > 1 and spread[turns].max() > RESOLUTION:
-        all_steps = [np.array([step]) for step in steps(float(spread[turns].max()), least_turn, most_turn)]
-
-        def of_unit(zero: Array, words: str, more: str) -> Family:
-            def named(numbers: Array, alike: float) -> Called:
-                value, unit = _unit(numbers[0] * written, LOGGED_ANGLES, alike)
-                value /= written
-                remedy = _header(unit, "q_...", head) or f"convert them: q = {value:.9g} q {head or 'rad'}"
-                wrong = [f"in {unit}"] if abs(value - 1.0) > ROUND else []
-                remedy = "; ".join(part for part in (remedy if wrong else "", more) if part)
-                wrong += [words] if words else []
-                return np.array([value]), f"{every} {', '.join(wrong)}", remedy, max(len(wrong), 1)
-
-            return Family(common(zero), all_steps, named)
-
-        yield of_unit(np.zeros(count), "", "")
-        if limited[turns].all():
-            added = listing(
-                f"{shift:+.4g} to q_{name}" for name, shift in zip(names, middle, strict=True) if abs(shift) > ROUND
-            )
-            if (np.abs(middle[turns]) > ROUND).any():
-                yield of_unit(middle, "counted from the middle of their limits", f"add {added} [rad]")
-            added = listing(f"{shift:+.4g} to q_{name}" for name, shift in zip(names, lower, strict=True))
-            yield of_unit(lower, "counted from their lower limits", f"add {added} [rad]")
-            share = [step * 0.5 / np.median(half[turns]) for step in all_steps]
-            for start, low in ((middle, -1.0), (lower, 0.0)):
-
-                def named(numbers: Array, alike: float, low: float = low, start: Array = start) -> Called | None:
-                    most = (2.0 if low == 0.0 else 1.0) / numbers[0]
-                    round_ = 10.0 ** round(np.log10(abs(most)))
-                    if abs(round_ / most - 1.0) > ROUND:
-                        return None
-                    text = f"{every} parts of their limits, {low * round_:g} to {round_:g}"
-                    remedy = (
-                        f"convert them: q = lower + (upper - lower) (q {-low * round_:+g}) / {round_ - low * round_:g}"
-                    )
-                    return np.array([(2.0 if low == 0.0 else 1.0) / round_]), text, remedy, 1
-
-                yield Family(of_limits(start), share, named)
-        centre = float(np.median(seen.q[:, turns]))
-        if abs(centre) > ROUND * spread[turns].max():
-
-            def counted(numbers: Array, alike: float) -> Called:
-                value, unit = _unit(numbers[0] * written, LOGGED_ANGLES, alike)
-                zero = _round_zero(numbers[1] / written, 2.0 * np.pi / value)
-                text = f"{every} in {unit}, with zero at {zero:.6g}"
-                remedy = f"convert them: q = {value / written:.9g} (q - {zero:.6g}) {head or 'rad'}"
-                return np.array([value / written, zero * written]), text, remedy, 2
-
-            yield Family(from_count, [np.array([step[0], centre]) for step in all_steps], counted)
-    for i, name in enumerate(names):
-        if spread[i] < RESOLUTION:
-            continue
-        known = LOGGED_ANGLES if turns[i] else LOGGED_LENGTHS
-        unit = UNITS["angle" if turns[i] else "length"].get(units[name], 1.0)
-        most = most_turn if turns[i] else 3.0 * max(upper[i] - lower[i], LARGEST_MOTION)
-        least = least_turn if turns[i] else most / 100.0
-
-        def alone(numbers: Array, i: int = i) -> tuple[Array, Array]:
-            return np.diag(np.where(np.arange(count) == i, numbers[0], 1.0)), np.zeros(count)
-
-        def one_unit(
-            numbers: Array, alike: float, i: int = i, name: str = name, by: float = unit, known=known
-        ) -> Called:
-            value, unit = _unit(numbers[0] * by, known, alike)
-            remedy = (
-                _header(unit, f"q_{name}", units[name])
-                or f"convert it: {value / by:.9g} q_{name} {units[name] or ('rad' if turns[i] else 'm')}"
-            )
-            return np.array([value / by]), f"q_{name} is in {unit}", remedy, 1
-
-        yield Family(alone, [np.array([step]) for step in steps(float(spread[i]), least, most)], one_unit)
+    yield Family(from_count, [np.array([step[0], centre]) for step in steps], named)
 
 
 def _couplings(seen: SeenRows) -> Iterator[Family]:

@@ -308,62 +308,68 @@ def check_conventions(
             or touches without a length, see `check_length`.
     """
     check_length(arm, measurements.some(rows))
-    # Loads and frequencies say little of conventions.
-    placed = tuple(_read(kind) for kind in measurements.readings.kinds if kind.by_motion)
-    if not placed and measurements.readings.kinds:
+    case = _judged_rows(arm, measurements, rows, keep)
+    if case is None:
         return ()
-    readings = replace(measurements.readings, kinds=placed)
-    measurements = replace(measurements, readings=readings, measured=measurements.measured & readings.read)
-    rows = rows[measurements.measured[rows]]
-    if not len(rows):
-        return ()
-    if len(rows) > ROWS_LOOKED_AT:
-        rows = rows[_spread(len(rows), ROWS_LOOKED_AT)]
-    case, fitted = Case(arm, measurements.some(rows), keep, measurements, rows), None
+    fitted = None
     with suppress(ArmflexError):
         fitted = misfit(case)
         if not fitted.plausible:
             fitted = misfit(case, fitted.view, rounds=ROUNDS)  # nor is an arm accused that one step does not fit
-    far = bool(in_other_units(measurements.q, arm).any())
-    if fitted is not None and fitted.plausible and not far:
+    if fitted is not None and fitted.plausible and not in_other_units(case.every.q, arm).any():
         return ()
     named = _named(case, fitted, searched)
     if not named:
         check_joint_units(measurements.q, arm, measurements.places, units=measurements.units)
-    if named and named[0].hypothesis.of in arm.sensors and named[0].hypothesis.slip is not None:
-        text = f"{named[0].name}: {named[0].hypothesis.remedy}"  # the others say where the arm is
-        return (Flag("instrument_moved", text, about=named[0].hypothesis.of),)
-    where = f"{case.rows.places[0].file}: " if case.rows.places and case.rows.places[0] else ""
-    if fitted is None:
-        begun = "the arm has no equilibrium at these rows as they are declared"
-    else:
-        of = "orientation" if fitted.suspects == (None,) else ""
-        sensors = ", ".join(kind.title for kind in fitted.kinds if kind.name and kind.name in fitted.suspects)
-        off = _off_placed(case, of) or fitted.said(of)
-        begun = f"{of or 'reading'}s are {off} off the arm{f' ({sensors})' if sensors else ''}"
-        begun += ", further than [prior] explains"
+    elif (likeliest := named[0].hypothesis).of in arm.sensors and likeliest.slip is not None:
+        text = f"{named[0].name}: {likeliest.remedy}"  # the others say where the arm is
+        return (Flag("instrument_moved", text, about=likeliest.of),)
+    begun = _begun(case, fitted)
     if named:
         said = "; or ".join(ranked.said for ranked in named)
-        raise ConventionError(f"{where}{begun}: {said}", [ranked.name for ranked in named])
-    if fitted is None or keep:
-        return ()
-    if (
-        fitted.kinds[0].unit == "m"
-        and (left := fitted.off(fitted.left)) > outlier_limit(1) * LARGEST_MOTION * arm.robot.reach
-    ):
-        text = f"{where}{begun}, {in_mm(left)} of which is left with all that [prior] frees"
+        raise ConventionError(f"{begun}: {said}", [ranked.name for ranked in named])
+    return () if fitted is None or keep else tuple(_implausible(fitted, begun, searched))
+
+
+def _judged_rows(arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool) -> Case | None:
+    """Return some of (M,) rows and what in them says anything of conventions, None where nothing does."""
+    # Loads and frequencies say little of conventions.
+    placed = tuple(_read(kind) for kind in measurements.readings.kinds if kind.by_motion)
+    if not placed and measurements.readings.kinds:
+        return None
+    readings = replace(measurements.readings, kinds=placed)
+    measurements = replace(measurements, readings=readings, measured=measurements.measured & readings.read)
+    rows = rows[measurements.measured[rows]]
+    rows = rows[_spread(len(rows), ROWS_LOOKED_AT)] if len(rows) else rows
+    return Case(arm, measurements.some(rows), keep, measurements, rows) if len(rows) else None
+
+
+def _begun(case: Case, fitted: Misfit | None) -> str:
+    """Return how far off the readings are as they are written, with the file."""
+    where = f"{case.rows.places[0].file}: " if case.rows.places and case.rows.places[0] else ""
+    if fitted is None:
+        return f"{where}the arm has no equilibrium at these rows as they are declared"
+    of = "orientation" if fitted.suspects == (None,) else ""
+    sensors = ", ".join(kind.title for kind in fitted.kinds if kind.name and kind.name in fitted.suspects)
+    off, whose = _off_placed(case, of) or fitted.said(of), f" ({sensors})" if sensors else ""
+    return f"{where}{of or 'reading'}s are {off} off the arm{whose}, further than [prior] explains"
+
+
+def _implausible(fitted: Misfit, begun: str, searched: bool) -> Iterator[Flag]:
+    """Yield flags about sensors far off with all that is free; raise where the tip is further off than any arm is."""
+    reach, left = fitted.view.arm.robot.reach, fitted.off(fitted.left)
+    if fitted.kinds[0].unit == "m" and left > outlier_limit(1) * LARGEST_MOTION * reach:
+        text = f"{begun}, {in_mm(left)} of which is left with all that [prior] frees"
         text += ": no defect of an arm is so large, and no convention that is tried explains it"
         more = "check that rows and readings are of the same poses, the URDF this arm's, the tip the target's link"
         raise ConventionError(f"{text}; {more}, and for two conventions at once", [])
-    flags = []
     for number, kind in enumerate(fitted.kinds):
         sought = searched and any(nuisance.anywhere for nuisance in kind.nuisances)  # stands where it is found to stand
         if kind.name and fitted.scatter[number] > ABSURD and not sought:
             off = said_of(fitted.off(fitted.left, number), kind.shown_in)
             text = f"{kind.title}: with all that [prior] and its declaration free, what it read is {off} off: "
             text += f"an effect is missing, or [instrument.{kind.name}] is not as declared"
-            flags.append(Flag("instrument_implausible", text, about=kind.name))
-    return tuple(flags)
+            yield Flag("instrument_implausible", text, about=kind.name)
 
 
 def _spread(count: int, most: int) -> np.ndarray:
@@ -533,19 +539,26 @@ def _first_look(
     def frame(pairs: Array, unknown: bool) -> tuple[Array, Array]:
         return rigid_fit(pairs[:, 0], pairs[:, 1])[:2] if unknown else (fixed.pose.rotation, fixed.pose.translation)
 
-    def squares(pairs: Array, turn: Array, shift: Array) -> Array:
-        return ((pairs[:, 1] - pairs[:, 0] @ turn.T - shift) ** 2).sum(axis=1)
-
     def cost(pairs: Array, unknown: bool) -> float:
-        off = squares(pairs, *frame(pairs, unknown))
+        off = _squares(pairs, *frame(pairs, unknown))
         least = max(float(np.median(off)) / 3.0, (FINE_SHARE * case.arm.robot.reach) ** 2)
         parts = 0.5 * (TAILS + 3.0) * np.log1p(off / least / TAILS) + 1.5 * np.log(least)
         return LOOKS / 3.0 * float(parts.mean())
 
+    def nearer(here: Array, there: Array) -> np.ndarray:
+        """Return (M,) which of the points are nearer to their places there, the instrument placed by the rest."""
+        read_so, near = np.zeros(len(here), bool), frame(here, unknown)
+        for _ in range(FEW):
+            last, read_so = read_so, 4.0 * _squares(there, *near) < _squares(here, *near)
+            if np.array_equal(read_so, last):
+                break
+            near = frame(np.where(read_so[:, None, None], there, here), unknown)
+        return read_so
+
     here, names = at(case), list(dict.fromkeys(sessions.tolist()))
-    begun, before = frame(here, unknown), cost(here, unknown)
-    looked = list[tuple[float, int, Misreading, np.ndarray | None]]()
+    before, looked = cost(here, unknown), list[tuple[float, int, Misreading, np.ndarray | None]]()
     odd = [name for name in names if fitted is None or fitted.excess[sessions == name].sum() > NAMED]
+    masks_of_sessions = [sessions == name for name in odd if len(names) > 1]
     for hypothesis in points:
         other = case.meant(hypothesis)
         there, placed = at(other), other.arm.measurement.frame != "base"
@@ -554,22 +567,17 @@ def _first_look(
             continue
         price = cost(there, placed) + _charge(case, hypothesis, None)[1]
         looked.append((price, len(looked), hypothesis, None))
-        masks, read_so, near = (
-            [sessions == name for name in odd if len(names) > 1],
-            np.zeros(len(sessions), bool),
-            begun,
-        )
-        for _ in range(FEW if hypothesis.some else 0):  # which are nearer so, the instrument placed by the rest
-            last, read_so = read_so, 4.0 * squares(there, *near) < squares(here, *near)
-            if np.array_equal(read_so, last):
-                break
-            near = frame(np.where(read_so[:, None, None], there, here), unknown)
-        for mask in (*masks, read_so) if hypothesis.some else ():
-            if 0 < mask.sum() < len(mask):
-                price = cost(np.where(mask[:, None, None], there, here), unknown)
-                looked.append((price + _charge(case, hypothesis, mask)[1], len(looked), hypothesis, mask))
+        masks = [*masks_of_sessions, nearer(here, there)] if hypothesis.some else []
+        for mask in [mask for mask in masks if 0 < mask.sum() < len(mask)]:
+            price = cost(np.where(mask[:, None, None], there, here), unknown)
+            looked.append((price + _charge(case, hypothesis, mask)[1], len(looked), hypothesis, mask))
     looked.sort(key=lambda glance: glance[:2])
     yield from ((glance, mask) for price, _, glance, mask in looked[:FEW] if price < before)
+
+
+def _squares(pairs: Array, turn: Array, shift: Array) -> Array:
+    """Return the (M,) squared distances of (M, 2, 3) points from their places, turned and shifted."""
+    return ((pairs[:, 1] - pairs[:, 0] @ turn.T - shift) ** 2).sum(axis=1)
 
 
 def _likeliest_turns(turned: Sequence[Misreading], case: Case, fitted: Misfit | None) -> list[Misreading]:

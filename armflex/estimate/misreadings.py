@@ -169,6 +169,16 @@ def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Misreading]:
         yield Misreading(name, remedy, _read(lambda kind, _: _without(kind, fixed)))
     smaller = "write sigma_mm into the header"
     yield Misreading("sigma is in mm", smaller, lambda rows: replace(rows, sigma=1e-3 * rows.sigma), mistakes=2)
+    yield from _of_axes(columns)
+    if arm.measurement.frame == "base":
+        remedy = 'write frame = "unknown" under [measurement]: the instrument stands elsewhere'
+        elsewhere = replace(arm, measurement=replace(arm.measurement, frame="unknown"))
+        yield Misreading(f"{columns} {are} not in the arm's base frame", remedy, arm=elsewhere)
+
+
+def _of_axes(columns: str) -> Iterator[Misreading]:
+    """Yield that two of the axes x, y and z that were read are exchanged, or some of them reversed."""
+    are = "are" if "," in columns else "is"
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
         axes = np.eye(3)[list(order)] * np.array(signs)[:, None]
         away, turned = ["xyz"[i] for i in range(3) if order[i] != i], ["xyz"[i] for i in range(3) if signs[i] < 0.0]
@@ -180,10 +190,6 @@ def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Misreading]:
             proper = np.linalg.det(axes) > 0.0  # as a frame that stands elsewhere may be
             mistakes = 3 if proper else max(len(turned), 1)
             yield Misreading(name, remedy, _positions(axes), mistakes=mistakes, some=True)
-    if arm.measurement.frame == "base":
-        remedy = 'write frame = "unknown" under [measurement]: the instrument stands elsewhere'
-        elsewhere = replace(arm, measurement=replace(arm.measurement, frame="unknown"))
-        yield Misreading(f"{columns} {are} not in the arm's base frame", remedy, arm=elsewhere)
 
 
 def _columns_read(measurements: Measurements) -> str:

@@ -15,6 +15,7 @@ from armflex.estimate.fit import Fit
 from armflex.estimate.held_out import design_effect
 from armflex.estimate.pose_block import PoseBlock, Walk
 from armflex.estimate.view import View, look, unclear_shifts
+from armflex.laws.effects.effect import Afterwards
 from armflex.laws.effects.in_arm import excess
 from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import FRAMES, Certainty, ParameterKind, fitted_group
@@ -203,7 +204,7 @@ def _unforeseen(arm: Arm, view: View) -> Array:
     new = np.array([bool(sessions) and session not in sessions for session in view.sessions])
     std = np.repeat([prior.session_translation, prior.session_rotation], 3)
     if len(sessions) > 1:  # one in so many was off by what was found
-        frames = [np.array(effect.values) for effect in arm.effects if effect.law.of_session]
+        frames = [np.array(effect.values) for effect in arm.effects if effect.law.afterwards is Afterwards.OVER]
         std = np.sqrt(std**2 + sum((frame**2 for frame in frames), np.zeros(6)) / len(sessions))
     assert arm.certainty is not None
     variance = ((view.by_session * std) ** 2).sum(axis=2) * new[:, None]

@@ -15,7 +15,7 @@ from armflex.configurations import Configurations, drawn_range
 from armflex.conventions import LARGEST_POSITION, Array
 from armflex.errors import NO_ANSWER, ClosureError, MissingCovariateError, Place, UnsupportedError, listing, naming
 from armflex.laws import Row
-from armflex.laws.effects.effect import Act, Effect
+from armflex.laws.effects.effect import Act, DependsOn, Effect
 from armflex.laws.effects.in_arm import BoundTwist
 from armflex.laws.effects.location import resolve, site_of
 from armflex.measured.measurements import Measurements
@@ -42,7 +42,7 @@ def with_constants(arm: Arm) -> Arm:
     for effect in arm.effects:
         site = site_of(effect.location.site, arm.robot)
         joint = joints.get(site.joint or "")
-        if not effect.law.constant or effect.law.act is not Act.TWIST or joint is None:
+        if effect.law.depends_on is not DependsOn.NOTHING or effect.law.act is not Act.TWIST or joint is None:
             kept.append(effect)
             continue
         row = Row(arm.robot.home, arm.joint_index)

@@ -197,44 +197,30 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
         bent.append(flexure)
         flags = (*flags, *more)
     locked = root.table["robot"].get("locked", {})
-    for kind, declared in robot.urdf.declared.items():  # of an MJCF; what stands in the arm.toml comes first
-        stated_already = root.table.get(kind, [] if kind == "loop" else {})
-        if declared:
-            root.table[kind] = [*stated_already, *declared] if kind == "loop" else {**declared, **stated_already}
+    declared = {kind: tables for kind, tables in robot.urdf.declared.items() if tables}  # of an MJCF
+    for kind, more in declared.items():  # what stands in the arm.toml comes first
+        loops = kind == "loop"
+        root.table[kind] = [*root.table.get(kind, []), *more] if loops else {**more, **root.table.get(kind, {})}
     robot, tied = read_linkage(root, robot, tuple(locked))
     payloads = {name: _read_payload(name, table) for name, table in root.subs("payload").items()}
-    tables, presets = root.subs("flexure"), root.subs("preset")
-    if preset is not None:
-        if preset not in presets:
-            raise UnknownNameError("preset", preset, presets)
-        tables |= presets[preset].subs("flexure")
-        presets[preset].finish()
-    if len(tables) > MAX_LINKS:
-        raise ArmFileError(root.place("flexure"), f"has {len(tables)} flexures, more than the {MAX_LINKS} allowed")
-    if taken := [flexure.name for flexure in bent if flexure.name in tables]:
-        raise tables[taken[0]].fail("joint", f"[link.{taken[0]}] is a flexure of this name: choose another one")
-    if taken := [flexure.name for flexure in tied if flexure.name in tables]:
-        raise tables[taken[0]].fail("joint", f"{taken[0]!r} is a loop or a cylinder, which says itself how it gives")
-    flexures = _along(robot, bent, [_read_flexure(name, table, robot) for name, table in tables.items()])
-    flexures = (*flexures, *tied)
+    tables = _flexure_tables(root, preset)
+    for taken, text in (
+        (bent, "[link.{}] is a flexure of this name: choose another one"),
+        (tied, "{!r} is a loop or a cylinder, which says itself how it gives"),
+    ):
+        for name in [flexure.name for flexure in taken if flexure.name in tables]:
+            raise tables[name].fail("joint", text.format(name))
+    read = [_read_flexure(name, table, robot) for name, table in tables.items()]
+    flexures = (*_along(robot, bent, read), *tied)
     springs = tuple(read_spring(name, table, robot) for name, table in root.subs("spring").items())
-    table = root.part("measurement")
-    frame = table.choice("frame", ("base", "unknown"), "unknown")
-    measurement = Measurement(frame, table.choice("gravity_in", ("base", "measurement"), "base"))
-    table.finish()
+    measurement, uncertain = _read_measurement(root)
     prior = _read_prior(root.part("prior"))
     flexures = tuple(_freed(flexure, prior.young, robot) for flexure in flexures)
     sensors = read_sensors(root.subs("instrument"), robot)
     effects, calibrated = root.array_of("effect"), root.has("calibration")
     root.finish()
-    stated = [name for name, table in tables.items() if "joint_stiffness" in table.table]
-    flags = [*robot.flags, *flags, *_questions(flexures, robot, stated), *_long(robot, springs)]
-    if measurement.gravity_in == "measurement" and root.table["robot"].get("mount"):
-        text = 'gravity_in = "measurement" has gravity in the instrument\'s frame, [robot] mount in the base'
-        raise table.fail("gravity_in", f"{text}: give one of them")
-    if measurement.gravity_in == "measurement" and not calibrated:
-        text = "is known in the instrument's frame, whose place is not: taken in base axes until the arm is calibrated"
-        flags.append(Flag("gravity_in", f"gravity {text}"))
+    asked = _questions(flexures, robot, [name for name in tables if "joint_stiffness" in tables[name].table])
+    flags = [*robot.flags, *flags, *asked, *_long(robot, springs), *uncertain]
     arm = Arm(
         robot,
         flexures,
@@ -254,6 +240,34 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
     table = root.sub("calibration")
     arm = with_certainty(table, _with_effects(read_calibration(table, arm), effects))
     return replace(arm, flags=(*arm.flags, *doubts(table, arm))).left()
+
+
+def _flexure_tables(root: Declaration, preset: str | None) -> dict[str, Declaration]:
+    """Return the tables of flexures by name, those of a preset in place of others."""
+    tables, presets = root.subs("flexure"), root.subs("preset")
+    if preset is not None:
+        if preset not in presets:
+            raise UnknownNameError("preset", preset, presets)
+        tables |= presets[preset].subs("flexure")
+        presets[preset].finish()
+    if len(tables) > MAX_LINKS:
+        raise ArmFileError(root.place("flexure"), f"has {len(tables)} flexures, more than the {MAX_LINKS} allowed")
+    return tables
+
+
+def _read_measurement(root: Declaration) -> tuple[Measurement, tuple[Flag, ...]]:
+    """Return [measurement], and a flag where gravity is known in a frame that is not."""
+    table = root.part("measurement")
+    frame = table.choice("frame", ("base", "unknown"), "unknown")
+    measurement = Measurement(frame, table.choice("gravity_in", ("base", "measurement"), "base"))
+    table.finish()
+    if measurement.gravity_in == "base":
+        return measurement, ()
+    if root.table["robot"].get("mount"):
+        text = 'gravity_in = "measurement" has gravity in the instrument\'s frame, [robot] mount in the base'
+        raise table.fail("gravity_in", f"{text}: give one of them")
+    text = "is known in the instrument's frame, whose place is not: taken in base axes until the arm is calibrated"
+    return measurement, () if root.has("calibration") else (Flag("gravity_in", f"gravity {text}"),)
 
 
 def _along(robot: Robot, bent: Sequence[Flexure], declared: Sequence[Flexure]) -> list[Flexure]:
@@ -319,15 +333,11 @@ def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, tuple[float | 
     table.finish()
     if by_dh and arguments:
         raise table.fail("xacro_arguments", "are those of a xacro file, and the robot is given by 'dh'")
-    flags: list[Flag] = []
     if gravity is not None and mount is not None:
         level = mount.rotation.T @ np.array([0.0, 0.0, -np.linalg.norm(gravity)])
         if np.linalg.norm(gravity - level) > LEVEL * np.linalg.norm(gravity):
             text = f"gravity {gravity.tolist()} is not that of a base so mounted, {np.round(level, 4).tolist()}"
             raise table.fail("mount", f"{text}: give one of them")
-    for key, pose in (("tool", tool), ("mount", mount)):
-        if pose is not None and np.abs(given := np.array(table.table[key].get("rpy", [0.0]))).max() > 2.0 * np.pi:
-            raise table.fail(key, f"rpy {given.tolist()} exceeds a full turn: degrees? It is in rad")
     how = {"strict": strict, "allow_massless": massless, "locked": locked, "xacro_arguments": arguments}
     how |= {"tool": tool, "mount": None if mount is None else mount.rotation}
     try:
@@ -338,25 +348,29 @@ def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, tuple[float | 
         if error.place.line or "cannot be read" not in error.problem:
             raise
         raise UrdfError(table.place("urdf"), f"[robot] urdf: {error}") from None  # the key that names no file
+    return robot, (rating, damping), tuple(_robot_questions(table, robot, tool))
+
+
+def _robot_questions(table: Declaration, robot: Robot, tool: pin.SE3 | None) -> Iterator[Flag]:
+    """Yield flags about gravity that nobody gave, a base that moves, and a tool that may be in millimetres."""
     turned, moving = robot.urdf.turned(robot.base)
-    if gravity is None and mount is None:
+    if "gravity" not in table.table and "mount" not in table.table:
         text = f"no gravity given, taken as {np.round(robot.gravity, 6).tolist()} m/s^2"
         tilt = float(np.degrees(np.arccos(np.clip(turned[2, 2], -1.0, 1.0))))
         if robot.urdf.gravity is not None and moving is None:
             text += f", which is the <option gravity> of {robot.urdf.path.name}"
         elif moving is None and tilt > np.degrees(LEVEL):
             text += f", but z of base {robot.base!r} is tilted by {tilt:.3g} degrees from that of the URDF's root"
-        flags.append(Flag("gravity", f"{table.place()}: {text}"))
+        yield Flag("gravity", f"{table.place()}: {text}")
     if moving is not None:
         text = f"base {robot.base!r} moves with joint {moving.name!r}: gravity is constant in the axes of that base"
-        flags.append(Flag("moving_base", f"{table.place('base')}: {text}"))
+        yield Flag("moving_base", f"{table.place('base')}: {text}")
     size = 0.0 if tool is None else float(np.linalg.norm(tool.translation))
     if size > max(rest := robot.reach - size, 1.0):
-        text = f"it ends {size:g} m from {tip!r}, more than the arm's reach: millimetres?"
+        text = f"it ends {size:g} m from {table.table.get('tip', FLANGE)!r}, more than the arm's reach: millimetres?"
         if size > MILLIMETRES * max(rest, 1.0):
             raise table.fail("tool", text)
-        flags.append(Flag("long", f"{table.place('tool')}: [robot] tool: {text}"))
-    return robot, (rating, damping), tuple(flags)
+        yield Flag("long", f"{table.place('tool')}: [robot] tool: {text}")
 
 
 def _read_pose(table: Declaration, key: str, keys: tuple[str, ...]) -> pin.SE3 | None:
@@ -370,6 +384,8 @@ def _read_pose(table: Declaration, key: str, keys: tuple[str, ...]) -> pin.SE3 |
     given.finish()
     if not given.table:
         raise table.fail(key, f"expected {' and '.join(keys)}, 3 numbers each")
+    if np.abs(rpy).max() > 2.0 * np.pi:
+        raise table.fail(key, f"rpy {given.raw('rpy')} exceeds a full turn: degrees? It is in rad")
     return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
 
 

@@ -153,9 +153,7 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
         (read, "instrument ", sensors),
         (spring, "spring ", springs),
     ):
-        for name in part.table:
-            if name not in names:
-                raise part.fail(name, f"the arm has no {what}{name!r}{did_you_mean(name, names)}")
+        part.among(names, f"the arm has no {what}{{!r}}")
     instrument = _read_instrument(table)
     for name in read.table:
         sensors[name] = replace(sensors[name], found=read.sub(name).by_name(len(sensors[name].declared)))
@@ -167,15 +165,8 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
             raise table.fail(key, f"expected 0 or more, got {table.number(key):g}")
     clock = tuple(_read_period(period) for period in (table.array_of("clock") if table.has("clock") else ()))
     flags = (Flag("unfinished", f"{table.place()}: {UNFINISHED}"),) if table.flag("unfinished") else ()
-    factors = compliance.by_name(6)
-    for name, logarithms in factors.items():
-        if np.abs(logarithms).max() > LARGEST_LOGARITHM:
-            text = f"logarithms of factors, none beyond {LARGEST_LOGARITHM:g}, got {logarithms.tolist()}"
-            raise compliance.fail(name, text)
-    masses = {name: mass.number(name) for name in mass.table}
-    for name, value in masses.items():
-        if abs(value) > LARGEST_LOGARITHM:
-            raise mass.fail(name, f"the logarithm of a factor, none beyond {LARGEST_LOGARITHM:g}, got {value:g}")
+    factors = _logarithms(compliance, 6)
+    masses = {name: float(value) for name, value in _logarithms(mass).items()}
     for name in spring.table:
         springs[name] = springs[name].moved(spring.numbers(name, (len(springs[name].law.parameters),)))
     arm = replace(arm, springs=tuple(springs.values()))
@@ -194,6 +185,15 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
         sensors=sensors,
         flags=(*arm.flags, *flags),
     )
+
+
+def _logarithms(part: Declaration, *shape: int) -> dict[str, Array]:
+    """Return the logarithms of factors under every key of a table."""
+    for name, values in (by_name := part.by_name(*shape)).items():
+        if np.abs(values).max() > LARGEST_LOGARITHM:
+            text = f"logarithms of factors, none beyond {LARGEST_LOGARITHM:g}, got {values.tolist()}"
+            raise part.fail(name, text)
+    return by_name
 
 
 def _read_period(table: Declaration) -> Period:
@@ -438,18 +438,17 @@ def read_certainty(table: Declaration, arm: Arm) -> Certainty | None:
     labels = table.texts("parameters")
     if len(set(labels)) < len(labels):
         raise table.fail("parameters", "a parameter is named twice")
-    for label in labels:
-        if not any(label.startswith(f"{block} ") and label != f"{block} " for block in BLOCKS):
-            hint = did_you_mean(label.partition(" ")[0], BLOCKS)
-            raise table.fail("parameters", f"{label!r} is no parameter of a fit{hint} (they begin: {listing(BLOCKS)})")
+    for label in [label for label in labels if label.partition(" ")[0] not in BLOCKS or not label.partition(" ")[2]]:
+        hint = did_you_mean(label.partition(" ")[0], BLOCKS)
+        raise table.fail("parameters", f"{label!r} is no parameter of a fit{hint} (they begin: {listing(BLOCKS)})")
     key = "covariance_file" if table.has("covariance_file") else "covariance"
     if key == "covariance_file":
         covariance = _from_file(table, labels)
     else:  # the rows of its lower triangle
         expected = f"{len(labels)} rows of 1, 2, ... finite numbers, one for each of the parameters"
-        covariance = np.zeros((len(labels), len(labels)))
-        for i, row in enumerate(table.ragged(key, range(1, len(labels) + 1), expected)):
-            covariance[i, : i + 1] = covariance[: i + 1, i] = row
+        covariance, below = np.zeros((len(labels), len(labels))), np.tril_indices(len(labels))
+        covariance[below] = np.concatenate([np.zeros(0), *table.ragged(key, range(1, len(labels) + 1), expected)])
+        covariance.T[below] = covariance[below]
         if fault := covariance_fault(covariance):
             raise table.fail(key, fault)
     directions = None

@@ -52,16 +52,10 @@ def read_dh(table: Declaration) -> Urdf:
         along = pin.SE3(pin.exp3(theta * z), d * z)
         origin = before * along if form == "standard" else across * along
         before = across if form == "standard" else pin.SE3.Identity()
-        of_kind = "length" if kind == "prismatic" else "angle"
-        lower, upper = (row.quantity(key, of_kind, end) for key, end in (("lower", -np.inf), ("upper", np.inf)))
+        lower, upper = _limits(row, kind)
         row.finish()
-        if not lower < upper:
-            raise row.fail("upper", f"expected more than lower, {lower:g}, got {upper:g}")
-        if np.isinf(lower) != np.isinf(upper):
-            missing, given = ("lower", "upper") if np.isinf(lower) else ("upper", "lower")
-            raise row.fail(missing, f"is not given, but {given} is: give both limits, or none for a joint without")
-        if np.isinf(lower):
-            kind, lower, upper = ("continuous" if kind == "revolute" else kind), -np.inf, np.inf
+        if np.isinf(lower) and kind == "revolute":
+            kind = "continuous"
         parent, child = (f"link{number - 1}" if number > 1 else "base"), f"link{number}"
         links[child] = Link(child, bodies[number - 1], (), row.place(), between=not any(bodies))
         pose, limits = (origin.translation, origin.rotation), (lower, upper, np.inf, np.inf)
@@ -88,6 +82,18 @@ def read_dh(table: Declaration) -> Urdf:
             if (body := link.inertial) is not None:
                 links[link.name] = replace(link, inertial=replace(body, origin=body.origin - shift * z))
     return Urdf(table.path.stem, table.path, links, joints, flags, translated=True, dh=form)
+
+
+def _limits(row: Declaration, kind: str) -> tuple[float, float]:
+    """Return the limits of a joint [rad or m], infinite where it has none."""
+    of_kind = "length" if kind == "prismatic" else "angle"
+    lower, upper = (row.quantity(key, of_kind, end) for key, end in (("lower", -np.inf), ("upper", np.inf)))
+    if not lower < upper:
+        raise row.fail("upper", f"expected more than lower, {lower:g}, got {upper:g}")
+    if np.isinf(lower) != np.isinf(upper):
+        missing, given = ("lower", "upper") if np.isinf(lower) else ("upper", "lower")
+        raise row.fail(missing, f"is not given, but {given} is: give both limits, or none for a joint without")
+    return lower, upper
 
 
 def _slid(joints: Mapping[str, Joint]) -> tuple[dict[str, float], float]:

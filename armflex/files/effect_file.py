@@ -9,7 +9,7 @@ and a table must name one of them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -20,7 +20,7 @@ from armflex.declaration import Declaration
 from armflex.errors import ArmFileError, did_you_mean, listing
 from armflex.laws.effects.catalogue import CATALOGUE, SHAPES
 from armflex.laws.effects.context import AXES, Records
-from armflex.laws.effects.effect import Effect, EffectLaw, full
+from armflex.laws.effects.effect import Afterwards, Effect, EffectLaw, full
 from armflex.laws.effects.location import BASE, TOOL, Location
 from armflex.result import record
 from armflex.rows.rows import APPROACH
@@ -61,6 +61,42 @@ def read_effect(table: Declaration, arm: Arm) -> Effect:
     location = next(location for location in fitting if len(axes) == 1 or location.axis is None)
     location = replace(location, covariates=_covariates(table, law, called, location, arm))
 
+    inner = _inner(table, law, values)
+    std = table.part("std")
+    for name, value in std.by_name().items():
+        if name not in values:
+            raise table.fail("std", f"of {name!r}, which is no parameter{did_you_mean(name, values)}")
+        if value < 0.0:
+            raise table.fail("std", f"of {name} is {value:g}, expected 0 or more")
+    derived = table.texts("derived") if table.has("derived") else ()
+    directions = [name for name in location.covariates if name.startswith(APPROACH)]
+    for name in [name for name in derived if name not in directions]:
+        text = f"{called} depends on no direction {name!r} there{did_you_mean(name, directions)}"
+        raise table.fail("derived", f"{text} (it depends on: {listing(directions)})")
+    seen = _seen(table.part("seen"), called, location.covariates)
+    earlier = table.flag("earlier")
+    if earlier and "time" not in [name for name, _, _ in seen]:
+        text = "of a campaign before the last: [effect.seen] must have its first and last moment, time = [FIRST, LAST]"
+        raise table.fail("earlier", text)
+    table.finish()
+    amplitudes = np.array([values[law.amplitudes[i].name] for i in terms])
+    sizes = (*full(amplitudes, location, len(law.amplitudes)), *inner)
+    return Effect(law, location, sizes, derived, tuple(seen), np.inf if earlier else None, earlier=earlier)
+
+
+def _seen(ranges: Declaration, called: str, columns: Sequence[str]) -> tuple[tuple[str, float, float], ...]:
+    """Return the range of each column in which an effect was found."""
+    for name, (low, high) in (by_name := ranges.by_name(2)).items():
+        if name not in columns:
+            text = f"{called} depends on no {name!r} there{did_you_mean(name, columns)}"
+            raise ranges.fail(name, f"{text} (it depends on: {listing(columns)})")
+        if low > high:
+            raise ranges.fail(name, f"expected the smaller first, got {low:g} and {high:g}")
+    return tuple((name, float(low), float(high)) for name, (low, high) in by_name.items())
+
+
+def _inner(table: Declaration, law: EffectLaw, values: Mapping[str, float]) -> list[float]:
+    """Return the inner parameters of a law, each within its sign."""
     inner = []
     for parameter in law.inner:
         if parameter.name not in values and parameter.default is None:
@@ -72,35 +108,7 @@ def read_effect(table: Declaration, arm: Arm) -> Effect:
         if parameter.positive and (value < 0.0 or (value == 0.0 and least == "more than 0")):
             raise table.fail("parameters", f"{parameter.name} is {value:g}, expected {least}")
         inner.append(value)
-    std = table.part("std")
-    for name in std.table:
-        if name not in values:
-            raise table.fail("std", f"of {name!r}, which is no parameter{did_you_mean(name, values)}")
-        if std.number(name) < 0.0:
-            raise table.fail("std", f"of {name} is {std.number(name):g}, expected 0 or more")
-    derived = table.texts("derived") if table.has("derived") else ()
-    directions = [name for name in location.covariates if name.startswith(APPROACH)]
-    for name in derived:
-        if name not in directions:
-            text = f"{called} depends on no direction {name!r} there{did_you_mean(name, directions)}"
-            raise table.fail("derived", f"{text} (it depends on: {listing(directions)})")
-    ranges, seen = table.part("seen"), []
-    for name in ranges.table:
-        if name not in location.covariates:
-            text = f"{called} depends on no {name!r} there{did_you_mean(name, location.covariates)}"
-            raise ranges.fail(name, f"{text} (it depends on: {listing(location.covariates)})")
-        low, high = ranges.numbers(name, (2,)).tolist()
-        if low > high:
-            raise ranges.fail(name, f"expected the smaller first, got {low:g} and {high:g}")
-        seen.append((name, low, high))
-    earlier = table.flag("earlier")
-    if earlier and "time" not in ranges.table:
-        text = "of a campaign before the last: [effect.seen] must have its first and last moment, time = [FIRST, LAST]"
-        raise table.fail("earlier", text)
-    table.finish()
-    amplitudes = np.array([values[law.amplitudes[i].name] for i in terms])
-    sizes = (*full(amplitudes, location, len(law.amplitudes)), *inner)
-    return Effect(law, location, sizes, derived, tuple(seen), np.inf if earlier else None, earlier=earlier)
+    return inner
 
 
 def effect_table(effect: Effect, std: Mapping[str, float] | None = None) -> dict[str, Any]:
@@ -145,7 +153,7 @@ def _locations(table: Declaration, law: EffectLaw, called: str, arm: Arm) -> lis
         locations = [Location(site, axis, (), every) for site in (BASE, *arm.joint_names, TOOL) for axis in AXES]
     else:  # a file cannot know which sessions there will be, so any will do
         recorded = table.texts("covariates") if table.has("covariates") else ()
-        locations = locations_on(law, arm, table.text("partner") if law.of_session else "", recorded)
+        locations = locations_on(law, arm, table.text("partner") if law.afterwards is Afterwards.OVER else "", recorded)
     if law.symmetric:  # either axis may come first
         locations += [replace(location, axis=location.partner, partner=str(location.axis)) for location in locations]
 

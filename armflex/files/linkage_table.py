@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
@@ -63,10 +64,8 @@ def read_linkage(root: Declaration, robot: Robot, held: Sequence[str]) -> tuple[
     links = [link for closure in (*read, *pistons) for link in (closure.link, closure.to)]
     links += [robot.urdf.joints[name].child for name in (*passive, *driven)]
     beside = _beside(robot, links, held)
-    followers = dict(robot.linkage.followers)
-    for joint in beside:
-        if joint.mimic is not None and joint.name not in passive:
-            followers[joint.name] = joint.mimic
+    mimics = {joint.name: joint.mimic for joint in beside if joint.mimic is not None and joint.name not in passive}
+    followers = {**robot.linkage.followers, **mimics}
     linkage = Linkage(passive, beside, read, pistons, followers)
     masters = [joint.name for joint in (*robot.chain, *beside) if joint.kind in MOVING]
     for name, (master, _, _) in followers.items():
@@ -143,17 +142,14 @@ def _checked(root: Declaration, robot: Robot, names: Mapping[str, Declaration]) 
             raise names[name].fail("to", f"{text}, which no joint moves against each other")
         between = set(model.supports[first]) ^ set(model.supports[second])
         if not any(model.getJointId(joint) in between for joint in linkage.free):
-            driven = [
-                joint for joint in robot.joint_names if joint in {model.names[joint_number] for joint_number in between}
-            ]
+            driven = [joint for joint in robot.joint_names if model.getJointId(joint) in between]
             drives = f"and {listing(driven)} between them {'has a drive' if len(driven) == 1 else 'have drives'}"
             remedy = f"a joint that it holds is passive: [joint.{driven[-1]}] passive = true"
             raise names[name].fail("to", f"{text}, {drives}: {remedy}")
         held |= between
-    for name in linkage.passive:
-        if model.getJointId(name) not in held:
-            text = f"joint {name!r} is passive, but no loop or cylinder is around it: nothing would hold it"
-            raise root.subs("joint")[name].fail("passive", text)
+    for name in [name for name in linkage.passive if model.getJointId(name) not in held]:
+        text = f"joint {name!r} is passive, but no loop or cylinder is around it: nothing would hold it"
+        raise root.subs("joint")[name].fail("passive", text)
     free, closing = np.array([at or 0.0 for at in linkage.free.values()]), Closing(robot, flex, ties, Corrections())
     lower, upper = (
         np.append(limit, np.full(len(free), end)) for limit, end in ((robot.lower, -np.inf), (robot.upper, np.inf))
@@ -178,14 +174,12 @@ def _checked(root: Declaration, robot: Robot, names: Mapping[str, Declaration]) 
         loops.append(replace(loop, turn_to=second.T @ first))
     ties = Ties(model, data, replace(linkage, loops=tuple(loops)))
     ties.place(met)
-    said: list[tuple[str, set[int], Array]] = []
-    for name, tie in zip(linkage.joined, ties.joined, strict=True):
-        way, joints = tie.place()[1], {end.joint for end in tie.ends}
-        for other, there, twists in said:
-            rank = np.linalg.matrix_rank(np.concatenate([way, twists]), SAME)
-            if joints == there and rank == max(len(way), len(twists)):
-                raise names[name].fail("at", f"{name!r} says what {other!r} says: leave one of them out")
-        said.append((name, joints, way))
+    said = [(name, {end.joint for end in tie.ends}, tie.place()[1])
+            for name, tie in zip(linkage.joined, ties.joined, strict=True)]  # fmt: skip
+    for (other, there, twists), (name, joints, way) in combinations(said, 2):
+        rank = np.linalg.matrix_rank(np.concatenate([way, twists]), SAME)
+        if joints == there and rank == max(len(way), len(twists)):
+            raise names[name].fail("at", f"{name!r} says what {other!r} says: leave one of them out")
     return tuple(loops)
 
 

@@ -26,7 +26,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.errors import ArmflexError, Place, TableError, UnsupportedError, listing
 from armflex.intake.sources import SourceTable, recorded
-from armflex.intake.streams import aligned, contradiction, spread
+from armflex.intake.streams import DENSE, aligned, contradiction, spread
 
 BAGS = (".bag", ".active", ".db3", ".mcap")
 JOINTS = "JointState"
@@ -63,7 +63,7 @@ def read_bag(path: Path) -> list[SourceTable]:
         TableError: It cannot be read, or has neither joints nor positions.
     """
     joints: dict[str, dict[str, list[tuple[float, float, float]]]] = defaultdict(lambda: defaultdict(list))
-    places: dict[tuple[str, str], list[tuple[float, ...]]] = defaultdict(list)
+    places: dict[tuple[str, str, str], list[tuple[float, ...]]] = defaultdict(list)
     types, notes = set[str](), list[str]()
     try:
         for topic, kind, received, message in _messages(path, notes):
@@ -80,29 +80,34 @@ def read_bag(path: Path) -> list[SourceTable]:
             elif kind == "TFMessage":
                 for transform in message.transforms:
                     named = f"{transform.header.frame_id}->{transform.child_frame_id}"
-                    places[topic, named].append((_stamp(transform, received), *_placed(transform.transform)))
+                    places[topic, named, ""].append((_stamp(transform, received), *_placed(transform.transform)))
             elif kind in POINTS:
                 child = str(getattr(message, "child_frame_id", ""))
+                frame = str(getattr(getattr(message, "header", None), "frame_id", ""))
                 for key in filter(None, POINTS[kind].split(".")):
                     message = getattr(message, key)
-                places[topic, child].append((stamp, *_placed(message)))
+                places[topic, child, frame].append((stamp, *_placed(message)))
     except ArmflexError:
         raise
     except Exception as error:  # of a damaged file, from whatever depth
         problem = " ".join(str(error).split()) or type(error).__name__
         mends = f"; {MENDS['.bag']} mends one that was not closed" if "index" in problem else ""
+        if path.suffix == ".active":
+            problem, mends = "its recording was not closed", f": call it .bag, then {MENDS['.bag']} mends it"
         raise TableError(Place(path), f"cannot be read as a bag: {problem}{mends}") from None
     sources = _of_joints(path, joints, tuple(notes))
-    bodies = defaultdict[str, set[str]](set)
-    for topic, child in places:
+    bodies, frames = defaultdict[str, set[str]](set), defaultdict[tuple[str, str], set[str]](set)
+    for topic, child, frame in places:
         bodies[topic].add(child)
-    for (topic, child), rows in places.items():
+        frames[topic, child].add(frame)
+    for (topic, child, frame), rows in places.items():
         values = np.array([row[: min(map(len, rows))] for row in rows])
         values = values[np.argsort(values[:, 0], kind="stable")]
         points = values[np.isfinite(values[:, 1:4]).all(axis=1), 1:4]
         if len(points) and np.ptp(points, axis=0).max() > 0.0:  # a frame that is fixed to another is no target
             head = ("time", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")[: values.shape[1]]
             part = f"{topic} {child}" if "->" in child or len(bodies[topic]) > 1 else topic
+            part += f" in {frame or 'no frame'}" if len(frames[topic, child]) > 1 else ""
             sources.append(recorded(path, part, dict(zip(head, values.T, strict=True)), tuple(notes)))
     if not sources:
         cut = f"; {notes[0]}" if notes else ""
@@ -117,7 +122,8 @@ def _of_joints(
     """Return each topic's joints (stamp, receipt and position of each by name) on all its times."""
     arrays = {(topic, name): np.array(rows) for topic, by_name in joints.items() for name, rows in by_name.items()}
     delays = [float(np.median(rows[:, 1] - rows[:, 0])) for rows in arrays.values()]
-    column = int(bool(delays) and max(delays) - min(delays) > DELAY)
+    again = any((np.diff(rows[np.argsort(rows[:, 1], kind="stable"), 0]) < -DENSE).any() for rows in arrays.values())
+    column = int(bool(delays) and (again or max(delays) - min(delays) > DELAY))
     if column:
         notes = (*notes, f"stamps of joints in {path.name} are of different clocks: their receipt counts")
     sources = []

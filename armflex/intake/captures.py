@@ -1,4 +1,4 @@
-"""Motion captures as their programs export them: Motive, Vicon, Qualisys, NDI and C3D.
+"""Motion captures as their programs export them: Motive, Vicon, Qualisys, NDI, TRC and C3D.
 
 Each becomes a part for every body or marker, with a row for each frame. Where a target was lost its places are left as
 they are written, for `lost` to judge; where the program says so itself, they are not numbers.
@@ -22,8 +22,9 @@ import numpy as np
 from armflex.conventions import NUMBER, Array
 from armflex.errors import Place, TableError, UnsupportedError, listing, shown
 from armflex.intake.lost import lost
-from armflex.intake.meanings import meanings
+from armflex.intake.meanings import Meaning, meanings
 from armflex.intake.sources import NO_READING, SourceTable
+from armflex.intake.streams import FEWEST
 from armflex.measured.points import LENGTHS
 from armflex.measured.table import text_lines
 
@@ -211,6 +212,31 @@ def read_qualisys(path: Path) -> list[SourceTable]:
     return sources
 
 
+def read_trc(path: Path) -> list[SourceTable]:
+    """Return every marker of a TRC file, as OpenSim, Motive and Cortex write it.
+
+    Source: OpenSim documentation, "Marker (.trc) Files".
+
+    Raises:
+        TableError: It is cut, or its header lacks units or names.
+    """
+    rows = [[cell.strip() for cell in row] for row in csv.reader(text_lines(path), delimiter="\t")]
+    head = dict(zip(*rows[1:3], strict=False)) if len(rows) > 3 else {}
+    if (unit := head.get("Units", "").lower()) not in LENGTHS or rows[3][:2] != ["Frame#", "Time"]:
+        text = "expected Units in its second line, and Frame# and Time in its fourth: export it again"
+        raise TableError(Place(path, 1), f"{text} (unit {unit!r})")
+    lines = [i for i, row in enumerate(rows, 1) if i > 4 and NUMBER.fullmatch(row[0] if row else "")]
+    body, sources = [rows[i - 1] for i in lines], list[SourceTable]()
+    _whole(path, len(body), head.get("NumFrames", ""))
+    time = _values(path, lines, body, [1])[:, 0]
+    for at, name in enumerate(rows[3]):
+        if at > 1 and name:
+            sources += _body(path, name, lines, time, _values(path, lines, body, range(at, at + 3)), unit)
+    if not sources:
+        raise TableError(Place(path, 4), "names no marker that was read")
+    return sources
+
+
 def read_ndi(path: Path) -> list[SourceTable]:
     """Return every tool of a CSV of NDI's ToolBox or of its Combined API's sample program, whose lengths are in mm.
 
@@ -262,6 +288,7 @@ FORMATS = (
     (re.compile("Format Version"), read_motive),
     (re.compile(VICON), read_vicon),
     (re.compile(r"NO_OF_FRAMES\b"), read_qualisys),
+    (re.compile(r"PathFileType\b"), read_trc),
     (re.compile(r"(?:Tools|ToolInfo)\b.*\bTx\b", re.IGNORECASE), read_ndi),
 )
 """How the first line of an export begins, and who reads it."""
@@ -272,14 +299,44 @@ NO_PLACE = re.compile(
 )
 
 
+WHICH = re.compile(
+    r"(?:id|name|(?:marker|body|rigid[ _]?body|tool|tracker|sensor|handle|port|prism|target|object|subject)s?"
+    r"(?:[ _-]?(?:id|name|no|nr|number|index))?)",
+    re.IGNORECASE,
+)
+"""Header of a column that says which of several things a row is of."""
+
+
+def _of_each(source: SourceTable, meant: Sequence[Meaning]) -> list[SourceTable]:
+    """Return a recording with rows of several things at the same times, `time, id, x, y, z`, as a part for each."""
+    clock = next((i for i, meaning in enumerate(meant) if (meaning.kind, meaning.name) == ("time", "time")), None)
+    at = next((i for i, name in enumerate(source.header) if WHICH.fullmatch(name.strip())), None)
+    if clock is None or at is None or len(source.lines) < FEWEST:
+        return [source]
+    names, times = (list(map(str, source.columns[i])) for i in (at, clock))
+    several = dict.fromkeys(names)
+    if not 1 < len(several) <= len(names) / FEWEST or len(set(times)) > 0.9 * len(times):
+        return [source]
+    kept = [i for i in range(len(source.header)) if i != at]
+    parts = list[SourceTable]()
+    for name in several:
+        rows = [row for row, other in enumerate(names) if other == name]
+        columns = tuple(tuple(source.columns[i][row] for row in rows) for i in kept)
+        header = tuple(source.header[i] for i in kept)
+        lines = tuple(source.lines[row] for row in rows)
+        parts.append(replace(source, header=header, columns=columns, lines=lines, part=name))
+    return parts
+
+
 def markers(source: SourceTable) -> list[SourceTable]:
-    """Return a table whose columns are places of several things (`m1 X, m1 Y, m1 Z, m2 X ..`) as a part for each.
+    """Return a table with places of several things (`m1 X, m1 Y, m1 Z, m2 X ..`, or a row each) as a part for each.
 
     Other tables are returned as they are.
     """
     meant = meanings(source, {})
-    if any(meaning.kind in ("joint", "coordinate") for meaning in meant):
-        return [source]
+    kinds = {meaning.kind for meaning in meant}
+    if kinds & {"joint", "coordinate"}:
+        return [source] if "joint" in kinds else _of_each(source, meant)
     matches = [NAMED_AXIS.fullmatch(name) for name in source.header]
     sources = []
     for i in range(len(matches) - 2):

@@ -12,13 +12,16 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.intake.meanings import BY_SIZE, TIME_UNITS, UNTIL, Meaning
 from armflex.intake.sources import SourceTable, numbers
-from armflex.intake.streams import DENSE, is_sampled, spread
+from armflex.intake.streams import DENSE, SLOWEST, is_sampled, spread
 
 CLOCK = re.compile(
     r"(?:(\d{1,4})([./-])(\d{1,2})[./-](\d{2,4}))?[ T,]*(\d{1,2}):(\d\d)(?::(\d\d(?:[.,:]\d+)?))?\s*([ap]m)?\D*",
     re.IGNORECASE,
 )
 """A clock's time, after a day or without one."""
+
+LONGEST = 7.0 * 86400.0
+"""Tolerance: no recording lasts longer [s]."""
 
 FASTEST = 1e-4
 """Tolerance: no controller logs its joints more often [s]."""
@@ -88,13 +91,15 @@ def counted(source: SourceTable, meant: Sequence[Meaning], moved: Array, unit: s
 
 def doubt(source: SourceTable, meant: Sequence[Meaning]) -> str:
     """Return why the times of a file are of no clock that is known, as its unit is stated nowhere."""
-    clock = next((one for one in meant if (one.kind, one.name) == ("time", "time")), None)
-    time = times(source, meant) if clock is not None and clock.unit == "" else None
+    clock, time = next((one for one in meant if (one.kind, one.name) == ("time", "time")), None), times(source, meant)
     if clock is None or time is None or not (read := np.isfinite(time)).any():
         return ""
     steps = np.diff(np.unique(time[read]))
     step, last = float(np.median(steps)) if len(steps) else 1.0, float(time[read].max())
-    if last <= UNTIL and step >= FASTEST:
+    if step <= SLOWEST and (lasts := float(np.ptp(time[read]))) > LONGEST:
+        text = f"goes over {lasts / 86400.0:.4g} days in steps of {step:.3g} s"
+        return f"{source.path}: {clock.column!r} {text}: are all of one clock?"
+    if clock.unit or (last <= UNTIL and step >= FASTEST):
         return ""
     text = f"is {last:.6g}, no time since 1970 in any unit" if last > UNTIL else f"has steps of {step:.3g} s"
     return f"{source.path}: {clock.column!r} {text}: convert it to s, or --take '{clock.column}=time_ms' says its unit"

@@ -199,7 +199,7 @@ def read_dh(source: SourceTable, form: str | None, ask: Ask | None, unused: Coll
         if i in columns and name not in unused:
             continue
         counts = [int(match[1]) for cell in source.columns[i] if (match := COUNT.fullmatch(str(cell)))]
-        if name not in unused and len(counts) == count and (np.diff(counts) != 1).any() and INDEX.fullmatch(name):
+        if name not in unused and len({*counts}) == count and (np.diff(counts) != 1).any() and INDEX.fullmatch(name):
             wrong.append(
                 f"{path}: {name!r} is {listing(map(str, counts), 8)}: put the rows in their order, base to tip"
             )

@@ -31,7 +31,7 @@ from armflex.files.arm_file import ROBOTS
 from armflex.intake.bags import together
 from armflex.intake.clock import counted, doubt, goes_back, times
 from armflex.intake.dh import UPRIGHT, DhTable, arm_text, is_dh, read_dh
-from armflex.intake.lost import without_lost
+from armflex.intake.lost import emptied, without_lost
 from armflex.intake.meanings import (
     ANGLE_UNITS,
     ANGLES,
@@ -50,7 +50,22 @@ from armflex.intake.picture_files import camera
 from armflex.intake.pointing import Run, instrument_text, is_pointing, meanings_of, mount_text, read_pointing
 from armflex.intake.recordings import read_sources
 from armflex.intake.sources import NO_READING, Cells, SourceTable, numbers, said
-from armflex.intake.streams import STANDS, STEP, between, dwells, is_dense, is_sampled, offset, paired, reduced, spread
+from armflex.intake.streams import (
+    STANDS,
+    STEP,
+    between,
+    contradiction,
+    dwells,
+    held,
+    is_dense,
+    is_sampled,
+    never_there,
+    offset,
+    paired,
+    reduced,
+    spread,
+    unwrapped,
+)
 from armflex.measured.points import LENGTHS
 from armflex.measured.table import Column, Table, csv_text
 from armflex.robot.robot import Robot, load_robot
@@ -65,6 +80,9 @@ MOST_TURNS = 10.0
 
 MOST_METRES = 1e4
 """No place is further from where it is measured [m]: a total station reaches 3.5 km."""
+
+MOST_MOTION = 200.0
+"""No arm moves a target over more [m]: no structure of one is longer."""
 
 SAMPLES = 100
 """So many rows that stand and move are samples, whatever their clock is."""
@@ -380,7 +398,8 @@ def _as_robot(of_log: tuple[Meaning, ...], robot: Robot) -> tuple[tuple[Meaning,
             for meaning in of_log
         ), []
     numbered = [re.fullmatch(r"\D*?(\d)", joint) for joint in named]
-    if [match and int(match[1]) for match in numbered] != list(range(1, len(moving) + 1)):
+    counts = [match and int(match[1]) for match in numbered]
+    if counts not in (list(range(1, len(moving) + 1)), list(range(len(moving)))):
         text = f"the log has joints {listing(named)}, and {robot.urdf.path.name} has {listing(moving)}"
         return of_log, [f"{text}: --take 'COLUMN=q_{moving[0]}'"]
     by = dict(zip(named, moving, strict=True))
@@ -491,6 +510,9 @@ def _standing(
             if not np.array_equal(time, even):
                 stamps = f"{len(np.unique(time))} stamps for {len(time)} rows"
                 notes.append(f"the clock of {sources[i].title} repeats itself ({stamps}): rows are spread between them")
+            if unit == "rad":
+                sources[i] = _continuous(sources[i], understood[i], even)
+                moved[i] = _moved(sources[i], understood[i])
         elif is_sampled(STEP * np.arange(len(values), dtype=float), values, unit) and len(values) >= SAMPLES:
             text = f"has {len(values)} rows of what stands and moves, samples of a recording, and no clock of one: "
             text += "--take COLUMN=time_s says which column it is" if time is None else f"its rows are {_step(time)}"
@@ -514,8 +536,13 @@ def _standing(
                 shifts[path] = offset(clocks[log], moved[log][0], clocks[i], moved[i][0])
                 notes.append(f"the clock of {sources[i].title} is {shifts[path]:+.3f} s off, as the motions say")
             shift = shifts[path]
+            order, places = np.argsort(clocks[i], kind="stable"), moved[i][0]
+            gone = np.zeros(len(places), dtype=bool)
+            gone[order] = held(places[order], clocks[i][order], spans + shift)
+            if gone.any():
+                sources[i] = emptied(sources[i], understood[i], gone, "is exactly where it was before")
         sources[i], understood[i] = _one_sided(sources[i], understood[i])
-        sources[i] = reduced(sources[i], clocks[i], spans, shift)
+        sources[i] = _within_turn(reduced(sources[i], clocks[i], spans, shift), written[i], understood[i])
         understood[i] = tuple(
             replace(meaning, kind="unused", why="a signal of a recording")
             if meaning.kind == "covariate" and not _is_kept(meaning)
@@ -523,6 +550,51 @@ def _standing(
             for meaning in understood[i]
         )
     return sources, notes
+
+
+def _continuous(source: SourceTable, meant: Sequence[Meaning], time: Array) -> SourceTable:
+    """Return a recording of joints without the full turns by which they jump, and empty where they never were.
+
+    Args:
+        source: The recording.
+        meant: What its columns are.
+        time: (N,) [s].
+
+    Raises:
+        TableError: Two programs wrote its positions.
+    """
+    order, columns, notes = np.argsort(time, kind="stable"), list(source.columns), source.notes
+    values, _ = _moved(source, meant)
+    gone = np.zeros(len(time), dtype=bool)
+    gone[order] = never_there(time[order], values[order])
+    if gone.any():
+        row = int(gone.argmax())
+        text = f"{np.count_nonzero(gone)} rows of {source.title} have all joints at 0, and jump from or to there"
+        notes = (*notes, f"{text}, as in line {source.lines[row]}: they are left out")
+    joints = [(i, meaning) for i, meaning in enumerate(meant) if meaning.kind == "joint"]
+    for (i, meaning), column in zip(joints, np.where(gone[:, None], np.nan, values)[order].T, strict=True):
+        rows, turning = order[read := np.isfinite(column)], meaning.unit in ANGLE_UNITS
+        if not source.part and (at := contradiction(time[rows], column[read])) is not None:
+            text = f"{meaning.column!r} is at {column[read][at]:.4g} [{'rad' if turning else 'm'}] here and elsewhere"
+            place = Place(source.path, source.lines[rows[at]])
+            raise TableError(place, f"{text} just before and after, again and again: two programs wrote it")
+        there = unwrapped(column[read]) if turning else column[read]
+        if gone.any() or (there != column[read]).any():
+            cells = np.full(len(time), np.nan)
+            cells[rows] = there / (LENGTHS | ANGLE_UNITS)[meaning.unit or ""]
+            columns[i] = cells
+    return replace(source, columns=tuple(columns), notes=notes)
+
+
+def _within_turn(source: SourceTable, written: SourceTable, meant: Sequence[Meaning]) -> SourceTable:
+    """Return the rows of dwells with joints on the branch that their recording is written on."""
+    columns = list(source.columns)
+    for i, meaning in enumerate(meant):
+        if meaning.kind == "joint" and meaning.unit in ANGLE_UNITS:
+            full, read = 2.0 * np.pi / ANGLE_UNITS[meaning.unit], numbers(written.columns[i])
+            middle = 0.5 * (np.nanmin(read) + np.nanmax(read))
+            columns[i] = numbers(columns[i]) - full * np.round((numbers(columns[i]) - middle) / full)
+    return replace(source, columns=tuple(columns))
 
 
 def _step(time: Array) -> str:
@@ -722,7 +794,8 @@ def _settled(
         values, unit = _moved(_filled(source, settled), settled)
         settled = counted(source, settled, values, unit)
         wrong += filter(None, [doubt(source, settled)])
-        sampled = (time := times(source, settled)) is not None and is_dense(spread(time), values, unit)
+        time = times(source, settled) if not wrong else None
+        sampled = time is not None and is_dense(spread(time), values, unit)
     for one, cells in zip(settled, source.columns, strict=True):
         if one.kind in ("joint", "coordinate", "time"):
             values = numbers(cells)
@@ -759,10 +832,15 @@ def _unknown_unit(source: SourceTable, meaning: Meaning) -> str:
 def _implausible(source: SourceTable, meaning: Meaning, values: Array) -> list[str]:
     """Return what is wrong with (N,) numbers of a joint or a coordinate that no arm reaches, by line and column."""
     turns = meaning.kind == "joint" and meaning.unit in ANGLE_UNITS
-    size = np.abs(values) * (LENGTHS | ANGLE_UNITS if meaning.kind == "joint" else LENGTHS)[meaning.unit or ""]
+    factor = (LENGTHS | ANGLE_UNITS if meaning.kind == "joint" else LENGTHS)[meaning.unit or ""]
+    size = np.abs(values) * factor
     beyond = size > (2.0 * np.pi * MOST_TURNS if turns else MOST_METRES)
     if not beyond.any():
-        return []
+        read = factor * values[np.isfinite(values)]
+        moves = 0.0 if turns or not len(read) else float(np.diff(np.quantile(read, [0.1, 0.9]))[0])
+        text = f"{meaning.column!r} in {meaning.unit} moves over {moves:.4g} m, and no arm does: is it in mm?"
+        remedy = f"--take '{meaning.column}={meaning.name}_mm'" if not source.part else "convert it"
+        return [f"{source.path}: {text} {remedy}"] if moves > MOST_MOTION else []
     at, base = int(beyond.argmax()), f"q_{meaning.name}" if meaning.kind == "joint" else meaning.name
     what = f"{size[at] / (2.0 * np.pi):.4g} turns" if turns else f"{1e-3 * size[at]:.4g} km"
     more = f", and {np.count_nonzero(beyond) - 1} rows more" if np.count_nonzero(beyond) > 1 else ""
@@ -869,7 +947,7 @@ def _joined(
         given, wanted = list(map(str, given or ())), names
         if (pictured := _cells(log, of_log, "picture")) is not None:
             wanted = [Path(str(picture)).stem for picture in pictured]
-    labels = [str(label).split("::")[-1].strip() for label in given or [""] * len(export.lines)]
+    labels = [str(label).split("::")[-1].strip() for label in ([""] * len(export.lines) if given is None else given)]
     split = [(match[1], match[2]) if (match := TARGET.fullmatch(label)) else (label, "") for label in labels]
     targets = sorted({target for _, target in split})
     if len(targets) < 2 or len({base for base, _ in split}) < 2 or what == "picture":

@@ -16,8 +16,16 @@ from armflex.intake.sources import NO_READING, Cells, SourceTable, numbers
 if TYPE_CHECKING:
     from armflex.intake.meanings import Meaning
 
-STATE = re.compile(r"(?:.*[\W_])?(?:state|status|valid(?:ity)?|tracked|visible|visibility)", re.IGNORECASE)
-"""Header of a column that says whether the target was read."""
+THERE = r"valid(?:ity)?|(?:is[ _]?)?tracked|tracking(?:[ _]?state)?|visible|visibility|confidence|quality|found"
+GONE = r"occluded|lost|missing|invalid|out[ _]?of[ _]?(?:view|range|volume)"
+SEEN_BY = r"(?:num(?:ber)?[ _]?(?:of[ _]?)?)?(?:markers|cameras)(?:[ _]?(?:count|used|seen))?"
+STATE = re.compile(
+    rf"(?:.*[\W_])??(?:(?P<there>{THERE}|{SEEN_BY})|(?P<gone>{GONE})|state|status|flags?)", re.IGNORECASE
+)
+"""Header of a column that says whether the target was read, or was not."""
+
+NO, YES = re.compile(r"0(?:\.0*)?|false|f|no|n", re.IGNORECASE), re.compile(r"1(?:\.0*)?|true|t|yes|y", re.IGNORECASE)
+"""What such a column has."""
 
 NOT_READ = re.compile(
     r"(?:.*\W)?(?:missing|lost|invalid|occluded|false|bad|disabled|too few markers|out of (?:volume|view|range)"
@@ -66,14 +74,21 @@ def without_lost(source: SourceTable, meant: Sequence[Meaning]) -> SourceTable:
         if not isinstance(one, np.ndarray):  # what is neither a number nor nothing is an error, found later
             gone &= [bool(NUMBER.fullmatch(cell) or NO_READING.fullmatch(cell)) for cell in one]
     for header, column in zip(source.header, source.columns, strict=True):
-        if STATE.fullmatch(header) and not isinstance(column, np.ndarray):
-            flagged = {"0", "false"} if re.search("valid|tracked|visib", header, re.IGNORECASE) else set[str]()
-            gone |= [bool(NOT_READ.fullmatch(cell)) or cell.lower() in flagged for cell in column]
+        if (match := STATE.fullmatch(header.strip())) and not isinstance(column, np.ndarray):
+            said = (YES,) if match["gone"] else (NOT_READ, NO) if match["there"] else (NOT_READ,)
+            gone |= [any(pattern.fullmatch(cell) for pattern in said) for cell in column]
     if not gone.any():
         return source
     if gone.all():
         raise TableError(Place(source.path), f"{source.part or 'the target'} is lost in every row")
-    first = next((i for i in np.flatnonzero(gone).tolist() if any(str(cells[i]) for cells in cells)), None)
+    return emptied(source, meant, gone, "was lost")
+
+
+def emptied(source: SourceTable, meant: Sequence[Meaning], gone: np.ndarray, why: str) -> SourceTable:
+    """Return a file whose coordinates and orientations are empty in (N,) rows; a note says how many and why."""
+    at = {meaning.name: i for i, meaning in enumerate(meant) if meaning.kind in ("coordinate", "turn")}
+    cells = [source.columns[at[axis]] for axis in "xyz"]
+    first = next((i for i in np.flatnonzero(gone).tolist() if any(str(column[i]) for column in cells)), None)
     columns: list[Cells] = list(source.columns)
     for i in at.values():
         column = columns[i]
@@ -83,7 +98,7 @@ def without_lost(source: SourceTable, meant: Sequence[Meaning]) -> SourceTable:
             columns[i] = tuple("" if none else cell for none, cell in zip(gone, column, strict=True))
     if first is None:  # cells that are empty say it themselves
         return replace(source, columns=tuple(columns))
-    example = ", ".join(str(cells[first]) for cells in cells)
+    example = ", ".join(str(column[first]) for column in cells)
     text = f"{np.count_nonzero(gone)} of {len(gone)} rows of {source.title} have no reading"
-    note = f"{text}: the target was lost, as in line {source.lines[first]} ({example})"
+    note = f"{text}: the target {why}, as in line {source.lines[first]} ({example})"
     return replace(source, columns=tuple(columns), notes=(*source.notes, note))

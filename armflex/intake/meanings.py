@@ -21,24 +21,27 @@ TURN = 2.2 * np.pi
 
 UR = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 
+PLACED_WORD = r"(?:act(?:ual)?|ist|pos(?:ition)?|angle|winkel)"
 JOINTS: tuple[tuple[str, str], ...] = (
     (r"q_(?P<name>.*\S)", "rad"),
     (r"(?:actual|target)_q_(?P<ur>[0-5])", "rad"),
-    (r"\$?axis_act(?:_meas)?[._ ]?(?P<short>[ae][1-6])", "deg"),
+    (r"\$?(?:axis_act(?:_meas)?|aipos)[._ ]?(?P<short>[ae][1-6])", "deg"),
     (r"(?:/?joint_states?[./])?position(?:[._](?P<name>.*\S)|\[(?P<listed>[^\[\]]+)\])", "rad"),
     (r"(?:.*/)?joint_states?/(?P<name>.+)/position", "rad"),
     (r"axispos_(?:act|cmd)_?(?P<kuka>[1-6])", ""),
     (r"(?P<short>rax_[1-6])", "deg"),
-    (r"(?P<short>(?:j|a|axis|joint|achse|gelenk)[ _.]?[1-9])(?:[ _.](?:act|actual|pos|ist))?", ""),
+    (r"q\[(?P<listed>\d+)\]", ""),
+    (rf"(?P<short>(?:j|a|q|axis|joint|achse|gelenk|theta|θ)[ _.]?\d{{1,2}})(?:[ _.]{PLACED_WORD})?", ""),
 )
 """Patterns of a joint's column, and the unit that their controller writes; '' where people write either.
 
 `name` and `listed` are the joint's as a robot's file may have it, `short` as a controller numbers it.
 """
 
-PLACED_WORD = r"(?:act(?:ual)?|ist|pos(?:ition)?|angle|winkel)"
 PLACED = rf"(?:{PLACED_WORD}[ _])?"
 """What may stand beside a joint's own name in the column of its position."""
+
+PART_OF_TURN = re.compile(r"q[ .]?\d", re.IGNORECASE)
 
 RECORDED = "position."
 """Before a joint's name in a column of a recording."""
@@ -205,6 +208,10 @@ def meanings(
             role = {"kind": "name", "name": "pose"} if "joint" in kinds and "name" not in kinds else {"kind": "unused"}
             meant[i] = replace(one, **role, unit="", why=COUNTS)
     axes = {meaning.name for meaning in meant if meaning.kind == "coordinate"}
+    of_turn = [meaning for meaning in meant if meaning.kind == "joint" and PART_OF_TURN.fullmatch(meaning.column)]
+    if axes == {"x", "y", "z"} and len(of_turn) <= 4:  # beside a place q1 .. q4 are a quaternion, whatever its length
+        meant = [replace(one, kind="covariate", name=_plain(one.column), unit="") if one in of_turn else one
+                 for one in meant]  # fmt: skip
     meant = (
         _turned(source, meant)
         if axes == {"x", "y", "z"}
@@ -318,7 +325,7 @@ def _meaning(text: str, header: str, cells: Cells, comment: str | None, asked: b
 
 def _plain(header: str) -> str:
     """Return what a column without a meaning is called in a campaign."""
-    return re.sub(r"\W+", "_", header).strip("_") or "column"
+    return re.sub(r"^q_", "q", re.sub(r"\W+", "_", header).strip("_")) or "column"
 
 
 def _turned(source: SourceTable, meant: Sequence[Meaning]) -> list[Meaning]:

@@ -122,15 +122,18 @@ def read_table_source(path: Path) -> SourceTable:
         raise TableError(Place(path), "holds no rows of numbers: expected a table with a header, or lines: name x y z")
     width = widths.most_common(1)[0][0]
     first = next(i for i, (_, cells) in enumerate(rows) if numeric[i] and len(cells) == width)
-    heads = [cells for _, cells in reversed(rows[:first]) if len(cells) == width]
+    above = [i for i, (_, cells) in enumerate(rows[:first]) if len(cells) == width]
+    if named := [i for i in above if _are_units(rows[i][1]) or not any(map(_number, rows[i][1]))]:
+        first, above = (
+            (named[-1] + 1 if named[-1] < above[-1] else first),
+            named,
+        )  # a row of numbers with a text is none
+    heads = [rows[i][1] for i in reversed(above)]
     if mark and not heads:
         said = [_parted([text], mark)[0] for text in comments]
         heads = [cells for cells in reversed(said) if len(cells) == width and not any(map(_number, cells))]
     head, used = heads[0] if heads else None, heads[:1]
-    unit_words = {*LENGTHS, *UNITS["angle"], *UNITS["time"], "°", "-", ""}
-    if (
-        len(heads) > 1 and head and all(UNIT.fullmatch(cell) or cell.lower() in unit_words for cell in head)
-    ):  # below the names
+    if len(heads) > 1 and head and _are_units(head):  # below the names
         units, used = (cell.strip("[]()- ") for cell in head), heads[:2]
         head = [f"{name} [{unit}]" if unit else name for name, unit in zip(heads[1], units, strict=True)]
     comments += [" ".join(cells) for _, cells in rows[:first] if not any(cells is row for row in used)]
@@ -150,6 +153,12 @@ def read_table_source(path: Path) -> SourceTable:
         tuple(comments),
     )
     return _named_joints(_by_point(source))
+
+
+def _are_units(cells: Sequence[str]) -> bool:
+    """Return whether all cells of a row are units, or none."""
+    words = {*LENGTHS, *UNITS["angle"], *UNITS["time"], "°", "1", "-", ""}
+    return all(UNIT.fullmatch(cell) or cell.lower() in words for cell in cells) and not all(map(_number, cells))
 
 
 def _parted(texts: Sequence[str], mark: str) -> list[list[str]]:

@@ -27,6 +27,12 @@ APART = 0.01
 FASTEST = 15.0
 """No joint of an arm is faster [rad/s or m/s]."""
 
+WRAPS = 0.3
+"""A step within so much [rad] of a full turn is a controller's that counts within one."""
+
+HELD = 10
+"""Rows that are equal to the last digit: fewer are chance."""
+
 TIMES = 3
 """So many contradictions are a second source; one alone may be a glitch."""
 
@@ -121,7 +127,7 @@ def contradiction(time: Array, values: Array) -> int | None:
         time: (N,) [s], ascending.
         values: (N,) positions of one joint [rad or m].
     """
-    step, gap = np.diff(values), np.diff(time)
+    step, gap = np.diff(unwrapped(values)), np.diff(time)
     back = (step[1:] * step[:-1] < 0.0) & (np.abs(step[1:] + step[:-1]) < 0.2 * np.abs(step[:-1]))
     back &= (np.abs(step[:-1]) > APART) & (gap[1:] + gap[:-1] < DENSE)
     jumps = np.flatnonzero((np.abs(step) > APART) & (np.abs(step) > FASTEST * np.maximum(gap, 1e-3)))
@@ -130,6 +136,52 @@ def contradiction(time: Array, values: Array) -> int | None:
     if np.count_nonzero(back) >= TIMES:
         return int(back.argmax()) + 1
     return int(jumps[:-1][returns][0]) + 1 if np.count_nonzero(returns) >= TIMES else None
+
+
+def unwrapped(values: Array) -> Array:
+    """Return (N,) positions of a joint without the full turns by which a controller that counts within one jumps."""
+    steps = np.diff(values)
+    turns = np.round(steps / (2.0 * np.pi))
+    turns[~(np.abs(steps - 2.0 * np.pi * turns) < WRAPS)] = 0.0
+    return values - 2.0 * np.pi * np.concatenate([[0.0], np.cumsum(turns)])
+
+
+def never_there(time: Array, values: Array) -> np.ndarray:
+    """Return (N,) which rows of (N, n) joint positions [rad or m] are noughts that a driver has before it is asked.
+
+    All joints are at 0 in them, and are there or leave there faster than any joint moves.
+
+    Args:
+        time: (N,) [s], ascending.
+        values: (N, n).
+    """
+    zero = (values == 0.0).all(axis=1)
+    edges = np.flatnonzero(np.diff(zero.astype(int)))
+    steps = np.abs(values[edges + 1] - values[edges]).max(axis=1)
+    jumps = edges[(steps > APART) & (steps > FASTEST * np.maximum(time[edges + 1] - time[edges], 1e-3))]
+    runs = np.cumsum(np.concatenate([[0], np.diff(zero.astype(int)) != 0]))
+    return zero & np.isin(runs, np.concatenate([runs[jumps], runs[jumps + 1]]))
+
+
+def held(places: Array, time: Array, spans: Array) -> np.ndarray:
+    """Return (N,) which rows of a target are the last place again, of an instrument that holds it where it reads none.
+
+    Such are rows that are equal over `HELD` and more, of a target that is otherwise not at one place twice while the
+    arm stands: noise sees to that.
+
+    Args:
+        places: (N, 3), ascending in time.
+        time: (N,) [s].
+        spans: (K, 2) first and last time [s] of each stand.
+    """
+    same = np.concatenate([[False], (np.diff(places, axis=0) == 0.0).all(axis=1)])
+    run = np.cumsum(~same)
+    lasts = np.bincount(run)[run] >= HELD
+    index = np.searchsorted(spans[:, 0], time, "right") - 1
+    fresh = (index >= 0) & (time <= spans[index, 1]) & ~lasts & np.isfinite(places).all(axis=1)
+    usual = np.median(np.bincount(index[fresh], minlength=len(spans)))
+    noisy = usual >= HELD and np.count_nonzero(same & fresh) < 0.05 * np.count_nonzero(fresh)
+    return lasts & noisy & same
 
 
 def dwells(time: Array, values: Array, unit: str) -> Array:

@@ -10,7 +10,7 @@ tangent follow, and the engine knows it. `Curve` and `Of` stand in engine.c as w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property
@@ -187,30 +187,10 @@ class Factor:
 
     def of(self, x: Array) -> Array:
         """Return its (...,) value for (...,) numbers of the column."""
-        a, b, c, d = (*self.numbers, 0.0, 0.0, 0.0, 0.0)[:4]
-        match self.kind:
-            case Of.POWER:
-                return ((x - a) / b) ** int(c)
-            case Of.SINE:
-                return np.sin(a * x)
-            case Of.COSINE:
-                return np.cos(a * x)
-            case Of.STEP:
-                return np.where(x >= a, 1.0, 0.0)
-            case Of.BUMP:
-                return np.exp(-0.5 * ((x - a) / b) ** 2)
-            case Of.TENT:
-                return np.maximum(1.0 - np.abs((np.minimum(np.maximum(x, a), b) - a) / c - d), 0.0)
-            case Of.CREEP:
-                return np.log1p(np.maximum(x, 0.0) / a)
-            case Of.OVERLAP:
-                return 1.0 / (a + np.abs(x - b))
-            case Of.TABLE:
-                return _through(np.array(self.numbers[3:]), (x - a) / b, bool(c))
-            case Of.CHEBYSHEV:
-                return np.polynomial.chebyshev.chebval((x - a) / b, np.eye(int(c) + 1)[-1])
-            case _:
-                return np.ones_like(x)
+        if self.kind is Of.TABLE:
+            low, step, closed, *values = self.numbers
+            return _through(np.array(values), (x - low) / step, bool(closed))
+        return FUNCTIONS[self.kind](x, *(*self.numbers, 0.0, 0.0, 0.0, 0.0)[:4])
 
     def in_c(self, knots: list[float]) -> tuple[float, float, float, float]:
         """Return `a` to `d` as C has them: a table's values are put behind the knots, c is its first of these.
@@ -259,6 +239,21 @@ def _through(values: Array, x: Array, closes: bool) -> Array:
     t = x - k
     square, cube = 2.0 * before - 5.0 * left + 4.0 * right - after, 3.0 * (left - right) + after - before
     return left + 0.5 * t * (right - before + t * (square + t * cube))
+
+
+FUNCTIONS: Mapping[Of, Callable[[Array, float, float, float, float], Array]] = {
+    Of.ONE: lambda x, a, b, c, d: np.ones_like(x),
+    Of.POWER: lambda x, a, b, c, d: ((x - a) / b) ** int(c),
+    Of.SINE: lambda x, a, b, c, d: np.sin(a * x),
+    Of.COSINE: lambda x, a, b, c, d: np.cos(a * x),
+    Of.STEP: lambda x, a, b, c, d: np.where(x >= a, 1.0, 0.0),
+    Of.BUMP: lambda x, a, b, c, d: np.exp(-0.5 * ((x - a) / b) ** 2),
+    Of.TENT: lambda x, a, b, c, d: np.maximum(1.0 - np.abs((np.minimum(np.maximum(x, a), b) - a) / c - d), 0.0),
+    Of.CREEP: lambda x, a, b, c, d: np.log1p(np.maximum(x, 0.0) / a),
+    Of.OVERLAP: lambda x, a, b, c, d: 1.0 / (a + np.abs(x - b)),
+    Of.CHEBYSHEV: lambda x, a, b, c, d: np.polynomial.chebyshev.chebval((x - a) / b, np.eye(int(c) + 1)[-1]),
+}
+"""Kind of factor -> its value by column and numbers, but that of a table."""
 
 
 def table(column: str, low: float, apart: float, values: Sequence[float], closes: bool = False) -> Factor:

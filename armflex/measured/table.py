@@ -324,12 +324,25 @@ def _with_points(path: Path, line: int, cells: list[str], mark: str) -> tuple[li
     return cells, mark
 
 
+PACKED = {
+    b"\x1f\x8b": "packed with gzip (unpack it: gunzip)",
+    b"PK\x03\x04": "a ZIP archive or a workbook (unpack it, or call it .xlsx)",
+    b"\x28\xb5\x2f\xfd": "packed with Zstandard (unpack it: unzstd)",
+    b"BZh": "packed with bzip2 (unpack it: bunzip2)",
+    b"\xd0\xcf\x11\xe0": "an old workbook, .xls (save it as .xlsx or CSV)",
+    b"%PDF": "a PDF file (export CSV)",
+}
+"""How files begin that people take for tables, and what to do with them."""
+
+
 def text_lines(path: Path) -> Iterator[str]:
     """Yield the lines of a file, the end of each included; raise where it is no text that can be shown."""
     line, encoding, wide = 1, "utf-8-sig", False
     try:
         with reading(path, MAX_BYTES) as file:
             source: Any = file
+            if packed := next((kind for start, kind in PACKED.items() if file.peek(8).startswith(start)), ""):
+                raise TableError(Place(path), f"is {packed}, and no text")
             if file.peek(2)[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
                 source = io.TextIOWrapper(file, encoding="utf-16", newline="\n")
             while lines := source.readlines(BLOCK):

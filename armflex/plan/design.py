@@ -21,7 +21,7 @@ from typing import Protocol
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.laws.effects.effect import Effect, EffectLaw
+from armflex.laws.effects.effect import Effect, EffectLaw, Watching
 from armflex.linear_gaussian import LinearGaussian
 
 WORTH = 1e-6
@@ -253,7 +253,9 @@ def instead(effect: Effect, hypothesis: Effect, levels: Collection[str] = ()) ->
     both, places = (hypothesis, effect), (hypothesis.location, effect.location)
     one_motion = len({(place.site, place.axis) for place in places}) == 1 and places[0].axis is not None
     determined = dict.fromkeys(
-        shows(effect.law, effect.location.place, levels) for effect in both if not (one_motion and effect.law.watched)
+        shows(effect.law, effect.location.place, levels)
+        for effect in both
+        if not (one_motion and isinstance(effect.law.instead, Watching))
     )
     determined.pop("", None)
     if determined or not one_motion:

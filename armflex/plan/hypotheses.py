@@ -21,7 +21,7 @@ from armflex.files.effect_file import TEMPERATURE as USUAL_TEMPERATURE
 from armflex.files.effect_file import locations_on, names_of
 from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.context import TEMPERATURE, Context
-from armflex.laws.effects.effect import Effect, Inner
+from armflex.laws.effects.effect import Afterwards, Effect, Inner
 from armflex.laws.effects.location import Location
 from armflex.parameters import numbered, numbers_of
 from armflex.plan.design_model import NOWHERE, Before, CandidateBlock, answers, free_inner
@@ -63,8 +63,8 @@ def named_effect(text: str, arm: Arm, columns: Sequence[str]) -> Effect:
     if name not in CATALOGUE:
         raise UnknownNameError("effect", name, [*CATALOGUE, *effects])
     law = CATALOGUE[name]
-    if law.of_session:
-        raise UnsupportedError(f"{name} is of a session that has been: no row still to be measured depends on it")
+    if law.afterwards is Afterwards.OVER:
+        raise UnsupportedError(f"{name} is of a session that has been: {law.afterwards.value}")
     locations = {}
     for location in sorted(locations_on(law, arm), key=lambda location: len(location.terms)):
         locations[_spelled(law.name, location)] = location

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import permutations
 from numbers import Integral
@@ -110,10 +110,7 @@ def plan(
     along = None if along is None else as_trajectory(along, arm)
     settable, tick = covariates or {}, progress or (lambda done, total: None)
     _check(rows, seed, along, between, sigma, floor, settable)
-    effects = [named_effect(text, arm, tuple(settable)) for text in between or ()]
-    for i, effect in enumerate(effects):
-        if effect in effects[:i]:
-            raise InputError(f"{spelled(effect)} cannot be distinguished from itself: name two effects")
+    effects = _rivals(between or (), arm, tuple(settable))
     before = known_before(arm, after, as_stated=bool(effects))
     reach, flags = reach_of(before, effects, payloads, settable, sigma, floor)
     path_flags = () if along is None else along.derived_directions(before.setup.arm)
@@ -135,22 +132,15 @@ def plan(
     candidates = [candidate_of(effect, reach.arm, offer) for effect in effects]
     refits = [refitted(candidate, before) for candidate in candidates]
     fits = [before.measured.fit, *filter(None, refits)] if before.measured else []
-    best = min(
-        fits, key=lambda candidate: max(candidate.noise * max(candidate.factors, default=1.0), 1.0), default=None
-    )
+    best = min(fits, key=lambda fit: max(fit.noise * max(fit.factors, default=1.0), 1.0), default=None)
     if best is not None and best is not fits[0]:  # one of them is what makes readings scatter
         before = replace(before, noises=noises_of(best))
         reach = replace(reach, sigma=_sigma_of(before, sigma), sigmas=before.sigmas)
         offer = offer.read_by(reach, before.setup)
     model = model_of(before, offer, candidates)
-    for name, noise in before.noises.items():
-        if noise > SCATTER:
-            whose = f"readings of {name}" if name else "readings"
-            text = f"{whose} scatter {noise:.2g} times as much as stated: something is missing, trace it first"
-            flags = (*flags, Flag("unexplained_residual", text))
-    hypotheses = tuple(
-        hypothesis_of(candidate, refit, offer) for candidate, refit in zip(candidates, refits, strict=True)
-    )
+    flags = (*flags, *_scattered(before))
+    pairs = zip(candidates, refits, strict=True)
+    hypotheses = tuple(hypothesis_of(candidate, refit, offer) for candidate, refit in pairs)
     if not hypotheses and not model.moving.any():
         raise InputError(
             "nothing is free: [prior] has neither joint_offset, compliance nor geometry, no law is to be learned, and "
@@ -160,17 +150,8 @@ def plan(
     goal = _goal(before, model, every, hypotheses, along)
     tick(1, ROUNDS + 1)
 
-    # The best of all that is offered, then of what is near it; the most informative first.
-    rng, here, gram, width = np.random.default_rng(seed), offer, model.known, WIDTH
-    chosen = exchanged(goal, gram, every, greedy(goal, gram, every, rows), 3)
-    for number in range(ROUNDS):
-        here = around(reach, before.setup, here.box[chosen], width, NEAR, rng)
-        near = model.rows(here)
-        chosen = exchanged(goal, gram, near, range(rows), 2)
-        width *= NARROWER
-        tick(number + 2, ROUNDS + 1)
-    best = np.array(chosen)[greedy(goal, gram, near[chosen], rows)]
-    informing = near[best]
+    gram = model.known
+    here, best, informing = _chosen(before, reach, offer, model, goal, rows, seed, every, tick)
 
     reached = path(goal, gram, informing)
     start = np.clip(np.zeros(len(reach.lower)), reach.lower, reach.upper)
@@ -196,6 +177,50 @@ def plan(
         flags=flags,
         units={} if after is None else after.units,
     )
+
+
+def _chosen(
+    before: Before,
+    reach: Reach,
+    offer: Offer,
+    model: DesignModel,
+    goal: Goal,
+    count: int,
+    seed: int,
+    every: Array,
+    tick: Callable[[int, int], None],
+) -> tuple[Offer, np.ndarray, Array]:
+    """Return rows, the numbers of the best of them, the most informative first, and what these inform.
+
+    The best of all that is offered, then of what is near it.
+    """
+    rng, here, near, gram, width = np.random.default_rng(seed), offer, every, model.known, WIDTH
+    chosen = exchanged(goal, gram, every, greedy(goal, gram, every, count), 3)
+    for number in range(ROUNDS):
+        here = around(reach, before.setup, here.box[chosen], width, NEAR, rng)
+        near = model.rows(here)
+        chosen = exchanged(goal, gram, near, range(count), 2)
+        width *= NARROWER
+        tick(number + 2, ROUNDS + 1)
+    best = np.array(chosen)[greedy(goal, gram, near[chosen], count)]
+    return here, best, near[best]
+
+
+def _rivals(between: Sequence[str], arm: Arm, settable: tuple[str, ...]) -> list[Effect]:
+    """Return the effects that are to be distinguished, each of them once."""
+    effects = [named_effect(text, arm, settable) for text in between]
+    for effect in [effect for i, effect in enumerate(effects) if effect in effects[:i]]:
+        raise InputError(f"{spelled(effect)} cannot be distinguished from itself: name two effects")
+    return effects
+
+
+def _scattered(before: Before) -> Iterator[Flag]:
+    """Yield a flag on each instrument whose readings scatter more than a plan that relies on them may have it."""
+    for name, noise in before.noises.items():
+        if noise > SCATTER:
+            whose = f"readings of {name}" if name else "readings"
+            text = f"{whose} scatter {noise:.2g} times as much as stated: something is missing, trace it first"
+            yield Flag("unexplained_residual", text)
 
 
 def _check(
@@ -270,6 +295,8 @@ def reach_of(
         for name in payloads:
             arm.payload(name)
     spread = _sigma_of(before, sigma)
+    if arm.robot.reach == 0.0:
+        raise InputError(f"tip {arm.robot.tip!r} stands on the axes of all joints: give a tip that they move")
     if spread.max() > COARSEST * arm.robot.reach:
         text = f"sigma is {spread.max():.3g} m, more than {COARSEST:.0%} of the arm's reach of {arm.robot.reach:.3g} m"
         raise InputError(f"{text}: is it in another unit?")

@@ -117,12 +117,11 @@ def read_sockets(table: Declaration) -> Sockets:
     shapes, normal = table.part("shape"), table.part("normal").by_name(3)
     of_shape = {name: shapes.choice(name, SHAPES) for name in shapes.table}
     radius = {name: float(value) for name, value in table.part("radius").by_name().items()}
-    for name, shape in of_shape.items():
-        if shape == "sphere" and not radius.get(name, 0.0) > 0.0:
-            raise table.fail("shape", f"{name!r} is a sphere: give radius = {{ {name} = .. }} [m], above 0")
-    for name, value in normal.items():
-        if np.linalg.norm(value) < SMALLEST_STD:
-            raise table.fail("normal", f"that of {name!r} has no direction")
+    spheres = [name for name, shape in of_shape.items() if shape == "sphere"]
+    for name in [name for name in spheres if not radius.get(name, 0.0) > 0.0]:
+        raise table.fail("shape", f"{name!r} is a sphere: give radius = {{ {name} = .. }} [m], above 0")
+    for name in [name for name, value in normal.items() if np.linalg.norm(value) < SMALLEST_STD]:
+        raise table.fail("normal", f"that of {name!r} has no direction")
     pairs: list[tuple[str, str, float]] = []
     for pair in table.raw("distances") if table.has("distances") else ():
         match pair:

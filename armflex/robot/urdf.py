@@ -347,7 +347,9 @@ class Reader:
         text = element.get(key)
         if text is None:
             strange = [str(name) for name in element.attrib if name not in ATTRIBUTES.get(element.tag, ())]
-            misspelt = next((name for name in strange if did_you_mean(name, [key])), None)
+            near = [name for name in strange if did_you_mean(name, [key])]
+            placed = [name for name in strange if element.tag == "origin" and not name.startswith("{")]  # quat_xyzw
+            misspelt = next(iter(near + placed), None)
             if default is None or misspelt:
                 hint = f"; {misspelt!r} is not known" if misspelt else ""
                 raise self.fail(element, f"<{element.tag}> needs {key!r}{hint}")
@@ -418,10 +420,10 @@ class Reader:
         origin = self.only(element, "origin")
         if origin is None:
             return np.zeros(3), np.eye(3)
-        rpy = self.numbers(origin, "rpy", 3, "0 0 0")
+        xyz, rpy = (self.numbers(origin, key, 3, "0 0 0") for key in ("xyz", "rpy"))
         if np.abs(rpy).max() > 2.0 * np.pi:
             self.flag(origin, "rpy_in_degrees", f"rpy {origin.get('rpy')!r} exceeds a full turn: degrees?")
-        return self.numbers(origin, "xyz", 3, "0 0 0"), pin.rpy.rpyToMatrix(rpy)
+        return xyz, pin.rpy.rpyToMatrix(rpy)
 
 
 Named = TypeVar("Named", Link, Joint)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import partial
+from operator import attrgetter
 from pathlib import PurePath
 from types import BuiltinFunctionType, CodeType, FunctionType, MethodType
 from typing import Any
@@ -62,27 +63,32 @@ def _parts(value: Any) -> tuple:
     """Return the parts of an object that has some."""
     if hasattr(value, "digested") and not isinstance(value, type):
         return (value.digested(),)
-    if isinstance(value, Mapping):
-        return tuple((key, value[key]) for key in sorted(value, key=str))
-    if isinstance(value, list | tuple):
-        return tuple(value)
-    if isinstance(value, set | frozenset):
-        return tuple(sorted(map(digest, value)))
-    if isinstance(value, Enum):
-        return (value.name,)
-    if isinstance(value, FunctionType):  # a lambda, or one made by another function
-        inside = tuple(cell.cell_contents for cell in value.__closure__ or ())
-        return (value.__module__, value.__code__, value.__defaults__, value.__kwdefaults__, inside)
-    if isinstance(value, CodeType):
-        return (value.co_code, value.co_names, value.co_varnames, value.co_consts)
-    if isinstance(value, partial):
-        return (value.func, value.args, value.keywords)
-    if isinstance(value, MethodType):
-        return (value.__func__, value.__self__)
+    for kinds, parts in PARTS:
+        if isinstance(value, kinds):
+            return tuple(parts(value))
     if is_dataclass(value):
         return tuple((field.name, getattr(value, field.name)) for field in fields(value))
     text = f"a {_name(type(value))} has no digest: expected numbers, texts, arrays, mappings, sequences, dataclasses"
     raise DigestError(f"{text} of such, or an object with a method `digested` that returns one of these")
+
+
+def _inside(function: FunctionType) -> tuple:
+    """Return the parts of a lambda, or of a function made by another one."""
+    inside = tuple(cell.cell_contents for cell in function.__closure__ or ())
+    return (function.__module__, function.__code__, function.__defaults__, function.__kwdefaults__, inside)
+
+
+PARTS: tuple[tuple[Any, Callable[[Any], Iterable[Any]]], ...] = (
+    (Mapping, lambda value: ((key, value[key]) for key in sorted(value, key=str))),
+    (list | tuple, tuple),
+    (set | frozenset, lambda value: sorted(map(digest, value))),
+    (Enum, lambda value: (value.name,)),
+    (FunctionType, _inside),
+    (CodeType, attrgetter("co_code", "co_names", "co_varnames", "co_consts")),
+    (partial, attrgetter("func", "args", "keywords")),
+    (MethodType, attrgetter("__func__", "__self__")),
+)
+"""Type -> the parts of its values; the first that fits counts."""
 
 
 def _name(value: type | FunctionType | BuiltinFunctionType) -> str:

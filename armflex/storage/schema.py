@@ -144,21 +144,18 @@ def typed(expected: Any, value: Any, where: str, makers: Makers = MappingProxyTy
         return expected(**_record({field.name: hints[field.name] for field in fields(expected)}, value, where, makers))
     if origin in (Union, types.UnionType):
         return _any_of(parts, value, where, makers)
-    if origin is Literal:
-        if not isinstance(value, str) or value not in parts:
-            raise ValueError(
-                f"{where} is {shown(value, 60)}, which is not known{did_you_mean(str(value)[:100], parts)}"
-            )
-        return value
+    if origin is Literal and value not in [part for part in parts if isinstance(value, str)]:
+        raise ValueError(f"{where} is {shown(value, 60)}, which is not known{did_you_mean(str(value)[:100], parts)}")
     if origin is dict and isinstance(value, dict):
         return {typed(str, key, where): typed(parts[1], part, f"{where}.{key}", makers) for key, part in value.items()}
-    if origin in (list, tuple) and isinstance(value, list):
-        each = parts if origin is tuple and parts[-1] is not ... else (parts[0],) * len(value)
-        if len(each) == len(value):
-            pairs = enumerate(zip(each, value, strict=True))
-            return origin(typed(kind, part, f"{where}[{i}]", makers) for i, (kind, part) in pairs)
-    elif expected is Any or (isinstance(expected, type) and expected in _PLAIN and _PLAIN[expected](value)):
-        return float(value) if expected is float else value
+    fixed = origin is tuple and parts[-1] is not ...
+    if origin in (list, tuple) and isinstance(value, list) and (not fixed or len(parts) == len(value)):
+        pairs = enumerate(zip(parts if fixed else parts[:1] * len(value), value, strict=True))
+        return origin(typed(kind, part, f"{where}[{i}]", makers) for i, (kind, part) in pairs)
+    is_plain = isinstance(expected, type) and expected in _PLAIN and _PLAIN[expected](value)
+    if expected is Any or origin is Literal or is_plain:
+        number: Any = value
+        return float(number) if expected is float else number
     name = expected.__name__ if get_origin(expected) is None else str(expected).partition("[")[0]
     raise ValueError(f"{where} is {shown(value, 60)}, expected {name}")
 

@@ -16,7 +16,7 @@ is taken that leaves least if the frequencies are up to a tenth lower or higher 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from itertools import pairwise, product
@@ -244,21 +244,7 @@ def _shaped(arm: Arm, path: Trajectory, given: _MotionRows, slower: float) -> tu
     first, final = (asked(node, nodes.payload[node], node)[0] for node in (0, last))
     many = min(len(first.frequencies), len(final.frequencies), SHAPED)
     frequencies = np.sqrt(first.frequencies[:many] * final.frequencies[:many]).tolist()
-    tried: list[tuple[float, float, str, _Law]] = []
-    for kinds in product(("", *KINDS), repeat=many):
-        chosen = [(kind, frequency) for kind, frequency in zip(kinds, frequencies, strict=True) if kind]
-        times, sizes = unshaped.times, unshaped.sizes
-        for kind, frequency in chosen:
-            more, others = impulses(kind, frequency, float(final.damping_ratios[0]))
-            times, sizes = np.add.outer(times, more).ravel(), np.multiply.outer(sizes, others).ravel()
-        left, order = slower * whole - float(times.max()), np.argsort(times)
-        if chosen and left > 0.0 and whole / left <= fastest:
-            speedup, name = (
-                max(1.0, whole / left),
-                ", ".join(f"{kind} {frequency:.3g} Hz" for kind, frequency in chosen),
-            )
-            law = _Law(base / speedup, way, times[order], sizes[order])
-            tried.append((whole / speedup + float(times.max()), speedup, name, law))
+    tried = _shapers(unshaped, frequencies, float(final.damping_ratios[0]), slower, fastest)
     best = (before, whole, 1.0, "", unshaped)
     for duration, speedup, name, law in sorted(tried, key=lambda trial: trial[0]):
         worst = 0.0
@@ -271,6 +257,28 @@ def _shaped(arm: Arm, path: Trajectory, given: _MotionRows, slower: float) -> tu
     shifts = (before, swing(law), worst)
     motion = CalmMotion(given.via[-1], name, law.times, law.sizes, (whole, duration), speedup, shifts)
     return _on_rows(given, law) if name else given, motion, final
+
+
+def _shapers(
+    unshaped: _Law, frequencies: Sequence[float], damping: float, slower: float, fastest: float
+) -> Iterator[tuple[float, float, str, _Law]]:
+    """Yield the laws that shapers of every kind make of each mode: duration, how much faster they are driven, a name.
+
+    A motion takes up to `slower` times as long, and is driven up to `fastest` times as fast.
+    """
+    whole = float(unshaped.base[-1])
+    for kinds in product(("", *KINDS), repeat=len(frequencies)):
+        chosen = [(kind, frequency) for kind, frequency in zip(kinds, frequencies, strict=True) if kind]
+        times, sizes = unshaped.times, unshaped.sizes
+        for kind, frequency in chosen:
+            more, others = impulses(kind, frequency, damping)
+            times, sizes = np.add.outer(times, more).ravel(), np.multiply.outer(sizes, others).ravel()
+        left, order = slower * whole - float(times.max()), np.argsort(times)
+        if chosen and left > 0.0 and whole / left <= fastest:
+            speedup = max(1.0, whole / left)
+            name = ", ".join(f"{kind} {frequency:.3g} Hz" for kind, frequency in chosen)
+            law = _Law(unshaped.base / speedup, unshaped.way, times[order], sizes[order])
+            yield whole / speedup + float(times.max()), speedup, name, law
 
 
 @dataclass(frozen=True)

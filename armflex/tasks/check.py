@@ -178,16 +178,7 @@ def check(
     if not tolerance > 0.0 or (angle is not None and not angle > 0.0):
         raise InputError(f"tolerance must be positive, got {tolerance} m" + (f", {angle} rad" if angle else ""))
     trajectory = trajectory.with_constants(arm, covariates or {})
-    held: tuple[Flag, ...] = ()
-    if against is not None:
-        if against.is_moved:
-            text = "the joints of the desired path differ from its target_ columns, as after a compensation; its joints"
-            held = (Flag("desired_moved", f"{text} count here: are the two paths exchanged?"),)
-        trajectory = trajectory.towards(against)
-        trajectory.check_targets(arm, against.places or [f"row {i} of the desired path" for i in range(len(against))])
-    elif trajectory.is_moved:
-        trajectory.check_targets(arm)
-        held = (Flag("target", "the tip is compared with the rigid tip at the joints of the target_ columns"),)
+    trajectory, held = _with_target(arm, trajectory, against)
     derived = (*trajectory.derived_directions(arm), *about_time(arm, trajectory.known, trajectory.time))
     trajectory = trajectory.prepared(arm)
     _check_steps(arm, trajectory)
@@ -226,6 +217,21 @@ def check(
     relative = _relative(certain, trajectory, np.array(possible, dtype=int), method) if arm.certainty else None
     shown = tuple(vias), tuple(segments)
     return CheckReport(ok, tolerance, angle, *shown, worst, samples, flags, tuple(rows), factor, relative)
+
+
+def _with_target(arm: Arm, trajectory: Trajectory, against: Trajectory | None) -> tuple[Trajectory, tuple[Flag, ...]]:
+    """Return the path with the tip that is wanted, and a flag where that is not the rigid one of its own joints."""
+    if against is None:
+        if not trajectory.is_moved:
+            return trajectory, ()
+        trajectory.check_targets(arm)
+        text = "the tip is compared with the rigid tip at the joints of the target_ columns"
+        return trajectory, (Flag("target", text),)
+    towards = trajectory.towards(against)
+    towards.check_targets(arm, against.places or [f"row {i} of the desired path" for i in range(len(against))])
+    text = "the joints of the desired path differ from its target_ columns, as after a compensation; its joints"
+    flag = Flag("desired_moved", f"{text} count here: are the two paths exchanged?")
+    return towards, (flag,) if against.is_moved else ()
 
 
 def _relative(certain: Arm, trajectory: Trajectory, rows: np.ndarray, method: str) -> float | None:

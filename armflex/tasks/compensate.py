@@ -6,7 +6,6 @@ inside the limits, with the Jacobian of the deflected arm. What cannot be reache
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -16,7 +15,7 @@ import pinocchio as pin
 
 from armflex.arguments import checked_kinds
 from armflex.arm import Arm
-from armflex.conventions import RESOLUTION, Array, as_pose, number, real_array
+from armflex.conventions import Array, as_pose, number, real_array
 from armflex.errors import Flag, InputError, UnreachableError, naming
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.estimate.tip_uncertainty import flagged_covariance
@@ -31,14 +30,11 @@ from armflex.result import Result
 from armflex.rows.wrench import wrenches_in
 from armflex.tasks.check import turned_further
 from armflex.tasks.inverse_kinematics import (
-    AIMED_AT,
-    LEAST_DAMPING,
-    MAX_JUMPS,
     NEAR_SINGULAR,
     NO_EQUILIBRIUM,
-    SETTLED,
     TOLERANCE,
     Corrector,
+    Search,
     Trial,
 )
 from armflex.trajectory import TARGET, Trajectory, as_trajectory
@@ -314,13 +310,16 @@ def _solve_rows(
 def _solve_each(
     solver: _Solver, poses: list[pin.SE3], progress: Progress | None
 ) -> tuple[tuple[CompensatedRow, ...], Trajectory]:
-    """Return every row and the moved trajectory: many rows at once, one by one where that does not settle them."""
+    """Return every row and the moved trajectory: all from no change, what is not reached so from the row before."""
     rows: list[CompensatedRow] = []
     pieces = in_pieces(np.arange(len(poses)), TOGETHER)
-    solved = in_threads(lambda piece: solver.together(piece, poses[piece[0] : piece[-1] + 1]), pieces)
-    for piece, row_of in zip(pieces, solved, strict=True):
-        for i in piece.tolist():
-            row = row_of.get(i) or solver.row(i, poses[i], rows[-1].change if rows else np.zeros_like(solver.scale))
+    none = np.zeros_like(solver.scale)
+    for solved in in_threads(lambda piece: solver.solve({i: (poses[i], none) for i in piece.tolist()}), pieces):
+        for i, row in solved.items():
+            start = rows[-1].change if rows else none
+            if not row.reached and start.any():
+                both = row, solver.solve({i: (poses[i], start)})[i]
+                row = min(both, key=lambda tried: np.abs(tried.after[: solver.size]).max())
             rows.append(row)
         if progress:
             progress(len(rows), len(poses))
@@ -370,40 +369,38 @@ class _Solver:
         """Return the deflection of row i's load at joint positions q."""
         return self.arm.deflection(q, self.trajectory.payload[i], enforce_limits=False, **self.trajectory.asked(i))
 
-    def together(self, asked: np.ndarray, targets: Sequence[pin.SE3]) -> dict[int, CompensatedRow]:
-        """Solve rows together from no change; return those that are reached by the smallest, by their numbers.
+    def solve(self, asked: Mapping[int, tuple[pin.SE3, Array]]) -> dict[int, CompensatedRow]:
+        """Return rows by number, each for a target and from a change; what all ask at a time is answered together."""
+        searches = {i: self.search(i, start) for i, (_, start) in asked.items()}
+        changes, solved = {i: next(search) for i, search in searches.items()}, dict.fromkeys(asked)
+        while changes:
+            rows = np.array(list(changes))
+            answers = self.answers(rows, np.array(list(changes.values())), [asked[i][0] for i in changes])
+            changes = {}
+            for i, answer in zip(rows.tolist(), answers, strict=True):
+                try:
+                    changes[i] = searches[i].send(answer)
+                except StopIteration as done:
+                    solved[i] = done.value
+        return {i: row for i, row in solved.items() if row is not None}
 
-        Jumps as `Corrector.jump` makes them, of rows whose joints stay within their boxes and away from singular
-        positions: there they have a closed form. All other rows are left to the corrector.
-        """
-        t, solved = self.trajectory, {}
-        if t.v is not None or t.a is not None:
-            return solved
-        change, before = np.zeros((len(asked), len(self.scale))), np.zeros((len(asked), 6))
-        open_ones, last = np.arange(len(asked)), np.full(len(asked), np.inf)
-        size, left_before = self.size, np.full(len(asked), np.inf)
-        with np.errstate(all="ignore"), contextlib.suppress(*NO_EQUILIBRIUM):
-            for jump in range(MAX_JUMPS + 1):
-                rows, here = asked[open_ones], change[open_ones]
-                error, jacobian = self.linearised(rows, here, [targets[i] for i in open_ones.tolist()])
-                if not jump:
-                    before = error
-                left = np.abs(error[:, :size]).max(axis=1)
-                fair = (left <= np.maximum(0.5 * left_before[open_ones], AIMED_AT)) | (last[open_ones] == np.inf)
-                aim, sigma, plain = self.aims(rows, here, error, jacobian)
-                length = np.abs(aim - here).max(axis=1)
-                settled = np.where(left <= AIMED_AT, SETTLED, RESOLUTION)
-                done = plain & (length < settled) & (left <= TOLERANCE)
-                for k in np.flatnonzero(done):
-                    i, j = int(rows[k]), int(open_ones[k])
-                    row_values = (before[j], error[k], here[k], True, "", float(sigma[k]), True)
-                    solved[i] = CompensatedRow(float(t.time[i]), t.via[i], *row_values)
-                going = plain & fair & ~done
-                change[open_ones[going]], last[open_ones], left_before[open_ones] = aim[going], length, left
-                open_ones = open_ones[going]
-                if not len(open_ones):
-                    break
-        return solved
+    def answers(self, rows: np.ndarray, changes: Array, targets: Sequence[pin.SE3]) -> list[Trial | str]:
+        """Return what (M, nq) changes of rows leave, or why the arm finds no equilibrium there."""
+        t, half = self.trajectory, len(rows) // 2
+        if t.v is None and t.a is None and half:
+            try:
+                return list(map(Trial, changes, *self.linearised(rows, changes, targets)))
+            except NO_EQUILIBRIUM:  # which of them it is
+                parts = (slice(half), slice(half, None))
+                return [one for part in parts for one in self.answers(rows[part], changes[part], targets[part])]
+        alone = list[Trial | str]()
+        for i, change, target in zip(rows.tolist(), changes, targets, strict=True):
+            try:
+                trial = self.ask(i, t.q[i] + change)
+                alone.append(Trial(change, _error(trial.pose, target), trial.total_jacobian[: self.size]))
+            except NO_EQUILIBRIUM as error:
+                alone.append(f"equilibrium: {error}")
+        return alone
 
     def linearised(self, rows: np.ndarray, change: Array, targets: Sequence[pin.SE3]) -> tuple[Array, Array]:
         """Return the (M, 6) error of rows after (M, nq) changes, and its matched Jacobian."""
@@ -416,54 +413,23 @@ class _Solver:
         error = [_error(pin.SE3(pose), target) for pose, target in zip(line.tip, targets, strict=True)]
         return np.array(error).reshape(-1, 6), jacobian[:, : self.size]
 
-    def aims(self, rows: np.ndarray, change: Array, error: Array, jacobian: Array) -> tuple[Array, Array, np.ndarray]:
-        """Return the smallest changes that solve the linearised rows, their least singular values, and where these are
-        those of `Corrector.aim`: nothing is near singular, and no joint meets its box."""
-        left, values, right = np.linalg.svd(jacobian, full_matrices=False)
-        along = (np.swapaxes(left, 1, 2) @ -error[:, : self.size, None])[:, :, 0]
-        damped = along * values / (values**2 + LEAST_DAMPING**2)
-        there = change + (damped[:, None] @ right)[:, 0]
-        _, scaled, axes = np.linalg.svd(jacobian * self.scale, full_matrices=False)
-        short = self.scale * ((axes @ (there / self.scale)[:, :, None])[:, None, :, 0] @ axes)[:, 0]
-        q, robot = self.trajectory.q[rows], self.arm.robot
-        low = np.maximum(-LARGEST_CHANGE, robot.lower - q)
-        high = np.minimum(LARGEST_CHANGE, robot.upper - q)
-        inside = ((there >= low) & (there <= high) & (short >= low) & (short <= high)).all(axis=1)
-        inside &= ((low <= 0.0) & (high >= 0.0)).all(axis=1)
-        regular = (values[:, -1] >= NEAR_SINGULAR) & (scaled[:, -1] > 1e-12 * scaled[:, 0])
-        return short, values[:, -1], inside & regular
-
-    def row(self, i: int, target: pin.SE3, start: Array) -> CompensatedRow:
-        """Solve one row, starting from the previous row's change."""
+    def search(self, i: int, start: Array) -> Search[CompensatedRow]:
+        """Return row i with the best change found from a start, or from none where that leads astray."""
         t = self.trajectory
-        with naming(t.where(i)):
-            before = _error(self.ask(i, t.q[i]).pose, target)
-        point, smallest, trouble = self.solve(i, target, start)
-        reached = point.left <= TOLERANCE
-        reason = "" if reached else trouble or self.explain(i, point)
-        time, via = float(t.time[i]), t.via[i]
-        return CompensatedRow(time, via, before, point.error, point.change, reached, reason, point.sigma_min, smallest)
-
-    def solve(self, i: int, target: pin.SE3, start: Array) -> tuple[Trial, bool, str]:
-        """Return the best point, whether its change is shown to be the smallest, and what equilibrium was missed."""
-
-        def ask(change: Array) -> tuple[Array, Array]:
-            trial = self.ask(i, self.trajectory.q[i] + change)
-            return _error(trial.pose, target), trial.total_jacobian[: self.size]
-
-        def find(start: Array) -> tuple[Trial | None, bool, str]:
-            corrector = Corrector(ask, *self.box(i), self.scale)
-            return (*corrector.find(start), corrector.trouble)
-
-        point, smallest, trouble = find(start)
-        if start.any() and (point is None or point.left > TOLERANCE):
-            # The previous row's change may lead astray where that row was not reached or the payload changes.
-            again = find(np.zeros_like(start))
-            if point is None or (again[0] is not None and again[0].left < point.left):
-                point, smallest, trouble = again
+        before = yield np.zeros_like(start)
+        if isinstance(before, str):  # as the arm says it
+            with naming(t.where(i)):
+                self.ask(i, t.q[i])
+            raise InputError(f"{t.where(i)}: {before}")
+        low, high = self.box(i)
+        corrector, inside = Corrector(low, high, self.scale), bool(((low <= 0.0) & (high >= 0.0)).all())
+        point, smallest = yield from corrector.find(start, before if inside else None)
         if point is None:
-            raise InputError(f"{self.trajectory.where(i)}: {trouble}")
-        return point, smallest, trouble
+            raise InputError(f"{t.where(i)}: {corrector.trouble}")
+        reached = point.left <= TOLERANCE
+        reason = "" if reached else corrector.trouble or self.explain(i, point)
+        row_values = (before.error, point.error, point.change, reached, reason, point.sigma_min, smallest)
+        return CompensatedRow(float(t.time[i]), t.via[i], *row_values)
 
     def box(self, i: int) -> tuple[Array, Array]:
         """Return the smallest and largest change of row i: inside the limits, and no more than `LARGEST_CHANGE`."""

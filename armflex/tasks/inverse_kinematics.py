@@ -7,13 +7,17 @@ always. Where it does not, it first brings the error down and then walks to smal
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Generator
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import ConvergenceError, SmallDisplacementError, UnstableEquilibriumError
+
+T = TypeVar("T")
 
 TOLERANCE = 1e-10
 """Remaining error [m, rad] at which a row counts as reached."""
@@ -47,7 +51,7 @@ class Trial:
         """The part of the error that counts."""
         return self.error[: len(self.jacobian)]
 
-    @property
+    @cached_property
     def left(self) -> float:
         """Largest component of it."""
         return float(np.abs(self.matched).max())
@@ -55,7 +59,20 @@ class Trial:
     @property
     def sigma_min(self) -> float:
         """Smallest singular value of the Jacobian."""
-        return float(np.linalg.svd(self.jacobian, compute_uv=False)[-1])
+        return float(self.axes[1][-1])
+
+    @cached_property
+    def axes(self) -> tuple[Array, Array, Array]:
+        """The Jacobian's singular value decomposition."""
+        left, values, right = np.linalg.svd(self.jacobian, full_matrices=False)
+        return left, values, right
+
+
+Search = Generator[Array, Trial | str, T]
+"""Yields changes (nq,) that it asks about, is sent what each leaves or why no equilibrium is found, returns its find.
+
+Many rows are searched side by side so, and what all of them ask at a time is answered together.
+"""
 
 
 @dataclass
@@ -63,45 +80,42 @@ class Corrector:
     """Finds the smallest change inside a box.
 
     Attributes:
-        ask: Returns the error (6,) and the matched Jacobian at a change; may find no equilibrium.
         low, high: (nq,) box of the change.
         scale: (nq,) the change's size is that of change / scale.
-        calls: How often `ask` was used.
+        calls: How many changes were asked about.
         trouble: The equilibrium that was not found at the last change looked at, '' if it was.
     """
 
-    ask: Callable[[Array], tuple[Array, Array]]
     low: Array
     high: Array
     scale: Array
     calls: int = 0
     trouble: str = ""
 
-    def find(self, start: Array) -> tuple[Trial | None, bool]:
-        """Return the best change found and whether it is shown to be the smallest near by; None without equilibrium."""
-        first = self.at(start) or self.at(np.zeros_like(start))
+    def find(self, start: Array, none: Trial | None = None) -> Search[tuple[Trial | None, bool]]:
+        """Return the best change found and whether it is shown to be the smallest near by; None without equilibrium.
+
+        `none` is what no change leaves, where that is known and inside the box.
+        """
+        first = none if none and not start.any() else (yield from self.at(start))
+        first = first or none or (yield from self.at(np.zeros_like(start)))
         if first is None:
             return None, False
-        point, converged = self.jump(first)
+        point, converged = yield from self.jump(first)
         if not converged:
-            point = self.restore(point, MAX_STEPS)
+            point = yield from self.restore(point, MAX_STEPS)
             if point.left <= AIMED_AT:
-                point, converged = self.shrink(point)
+                point, converged = yield from self.shrink(point)
         return point, converged and point.left <= TOLERANCE
 
-    def at(self, change: Array) -> Trial | None:
+    def at(self, change: Array) -> Search[Trial | None]:
         """Return what a change leaves, None where the arm finds no equilibrium."""
-        change = np.clip(change, self.low, self.high)
         self.calls += 1
-        try:
-            trial = Trial(change, *self.ask(change))
-        except NO_EQUILIBRIUM as error:
-            self.trouble = f"equilibrium: {error}"
-            return None
-        self.trouble = ""
-        return trial
+        answer = yield np.clip(change, self.low, self.high)
+        self.trouble = answer if isinstance(answer, str) else ""
+        return None if isinstance(answer, str) else answer
 
-    def jump(self, point: Trial) -> tuple[Trial, bool]:
+    def jump(self, point: Trial) -> Search[tuple[Trial, bool]]:
         """Jump from linearised solution to linearised solution while errors or jumps keep shrinking."""
         best, last = point, np.inf
         for _ in range(MAX_JUMPS):
@@ -109,19 +123,19 @@ class Corrector:
             length = float(np.abs(aim - point.change).max())
             if length < (SETTLED if point.left <= AIMED_AT else STUCK):
                 return point, True
-            landed = self.at(aim)
+            landed = yield from self.at(aim)
             if landed is None or (landed.left > max(0.5 * point.left, AIMED_AT) and length > 0.5 * last):
                 break
             point, last = landed, length
             best = min(best, point, key=lambda trial: trial.left)
         return best, False
 
-    def restore(self, point: Trial, most: int) -> Trial:
+    def restore(self, point: Trial, most: int) -> Search[Trial]:
         """Bring the error down with the shortest steps that do, until it is gone or no step helps."""
         for _ in range(most):
             if point.left <= AIMED_AT:
                 break
-            lower = self.descend(point, self.step(point))
+            lower = yield from self.descend(point, self.step(point))
             if lower is None:
                 break
             stalled = np.linalg.norm(lower.matched) > (1.0 - 1e-6) * np.linalg.norm(point.matched)
@@ -130,25 +144,25 @@ class Corrector:
                 break
         return point
 
-    def descend(self, point: Trial, step: Array) -> Trial | None:
+    def descend(self, point: Trial, step: Array) -> Search[Trial | None]:
         """Return the first of ever shorter steps that lowers the error."""
         size, share = np.linalg.norm(point.matched), 1.0
         while share > 1e-3 and self.calls < MAX_CALLS:
-            trial = self.at(point.change + share * step)
+            trial = yield from self.at(point.change + share * step)
             if trial is not None and np.linalg.norm(trial.matched) < (1.0 - 1e-4 * share) * size:
                 return trial
             share *= 0.5
         return None
 
-    def shrink(self, point: Trial) -> tuple[Trial, bool]:
+    def shrink(self, point: Trial) -> Search[tuple[Trial, bool]]:
         """Walk to smaller changes that leave no error either; True once none is near."""
         share = 1.0
         while self.calls < MAX_CALLS and share > 1e-4:
             move = self.aim(point) - point.change
             if np.abs(move).max() < PROVEN:
                 return point, True
-            landed = self.at(point.change + share * move)
-            trial = None if landed is None else self.restore(landed, 8)
+            landed = yield from self.at(point.change + share * move)
+            trial = None if landed is None else (yield from self.restore(landed, 8))
             # The aim is the point nearest to no change at all, so along the move the cost falls by its square at least.
             enough = self.cost(point) - 0.1 * share * self.size(move)
             if trial is not None and trial.left <= AIMED_AT and self.cost(trial) < enough:
@@ -176,13 +190,12 @@ class Corrector:
         """
         near = max(0.0, 1.0 - (point.sigma_min / NEAR_SINGULAR) ** 2)
         damping = NEAR_SINGULAR * np.sqrt(near * min(1.0, point.left / LARGE_ERROR))
-        return _damped(
-            point.jacobian,
-            -point.matched,
-            max(damping, LEAST_DAMPING),
-            self.low - point.change,
-            self.high - point.change,
-        )
+        low, high, damping = self.low - point.change, self.high - point.change, max(damping, LEAST_DAMPING)
+        left, values, right = point.axes
+        free = right.T @ (values / (values**2 + damping**2) * (left.T @ -point.matched))
+        if ((free >= low) & (free <= high)).all():
+            return free
+        return _damped(point.jacobian, -point.matched, damping, low, high)
 
     def smallest(self, jacobian: Array, change: Array) -> Array:
         """Return the smallest change inside the box that moves the linearised tip as much as `change` does."""

@@ -262,10 +262,96 @@ def iso9283(arm: Arm, measurements: Measurements | Tabular, block: float | None 
     sets = [alike for alike in (rows[labels == i] for i in range(labels.max(initial=-1) + 1)) if len(alike) > 1]
     if not sets:
         raise InputError("no pose was measured twice under one payload in one session: ISO 9283 needs repeats")
-    used = np.concatenate(sets)
-    rigid = arm.loaded(None)
-    tips = rigid_tips(rigid, measurements.q[used])
-    setup, placed, sessions = Setup(arm, arm.instrument or Instrument()), False, [measurements.session[i] for i in used]
+    cycles = _cycles(arm, measurements, np.concatenate(sets))
+    excluded: list[int] = []
+    poses: list[AttainedPose] = []
+    directions: list[Variation] = []
+    drifts: list[Variation] = []
+    for at_pose in sets:
+        sides: dict[tuple[int, ...], list[int]] = {}
+        for row in at_pose.tolist():
+            sides.setdefault(tuple(measurements.approach[row].astype(int).tolist()), []).append(row)
+        several = [cycles.pose(np.array(from_side), side) for side, from_side in sides.items() if len(from_side) > 1]
+        apart = [row for from_side in sides.values() if several and len(from_side) == 1 for row in from_side]
+        excluded += apart
+        several = [replace(pose, excluded=len(apart)) for pose in several]
+        poses += several or [cycles.pose(at_pose, None)]
+        if len(several) > 1:
+            pairs = combinations([pose.attained.mean(axis=0) for pose in several], 2)
+            most = max(float(np.linalg.norm(mean - other)) for mean, other in pairs)
+            name = (several[0].pose, several[0].payload, several[0].session)
+            directions.append(Variation(*name, "directions", len(several), most, None, most))
+        if block is not None:
+            drifts += [drift for pose in several for drift in _drift(pose, measurements.time[pose.rows], block)]
+    remarks = (
+        *_about_accuracy(poses, cycles.placed),
+        *_remarks(measurements, poses, directions, drifts, block, excluded),
+    )
+    return PosePerformance(
+        arm, measurements, tuple(poses), tuple(directions), tuple(drifts), remarks, tuple(sorted(excluded))
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Cycles:
+    """N rows in which a pose was attained again.
+
+    Attributes:
+        arm, measurements: They.
+        rows: (N,) numbers of the rows.
+        instrument: Where it stands, and `placed` whether a fit to these rows says so.
+        axes: (N, 3, 3) the axes of readings by those of the base.
+        commanded, attained: (N, 3) target in the base [m].
+        sigma: (N, 3) standard deviations of the readings along base axes [m].
+        turned: (N, 3) how far the target is turned from where it is commanded [rad], NaN unread; None without any.
+        model: (N, 3) what the calibrated arm leaves of the readings, base axes [m]; None of one that is not.
+    """
+
+    arm: Arm
+    measurements: Measurements
+    rows: np.ndarray
+    instrument: Instrument
+    placed: bool
+    axes: Array
+    commanded: Array
+    attained: Array
+    sigma: Array
+    turned: Array | None
+    model: Array | None
+
+    def pose(self, rows: np.ndarray, direction: tuple[int, ...] | None) -> AttainedPose:
+        """Return the characteristics of a pose that was attained in some rows, from one direction or from any."""
+        at, measurements = np.flatnonzero(np.isin(self.rows, rows)), self.measurements
+        target, points, first = self.commanded[at[0]], self.attained[at], int(rows[0])
+        angles = None if self.turned is None or np.isnan(self.turned[at]).any() else self.turned[at]
+        offset = points.mean(axis=0) - target
+        accuracy = None if self.placed else pose_accuracy(target, points, self.sigma[at])
+        if accuracy is not None and accuracy.value > 0.0:
+            along = np.einsum("nij,j->ni", self.axes[at], offset / accuracy.value) / (1.0 + self.instrument.scale)
+            placing = float(np.sqrt(placing_variance(self.arm, measurements, rows, along)))
+            std = None if accuracy.std is None else float(np.hypot(accuracy.std, placing))
+            accuracy = replace(accuracy, std=std, placing=placing) if np.isfinite(placing) else None
+        return AttainedPose(
+            measurements.pose[first],
+            measurements.payload[first],
+            measurements.session[first],
+            direction,
+            rows,
+            target,
+            points,
+            None if accuracy is None else offset,
+            accuracy,
+            pose_repeatability(points, self.sigma[at]),
+            None if angles is None else angles.mean(axis=0),
+            None if angles is None else 3.0 * angles.std(axis=0, ddof=1),
+            None if self.model is None else float(np.linalg.norm(self.model[at].mean(axis=0))),
+        )
+
+
+def _cycles(arm: Arm, measurements: Measurements, used: np.ndarray) -> _Cycles:
+    """Return (N,) rows as seen in the base."""
+    tips, sessions = rigid_tips(arm.loaded(None), measurements.q[used]), [measurements.session[i] for i in used]
+    setup, placed = Setup(arm, arm.instrument or Instrument()), False
     if arm.instrument is None and arm.measurement.frame != "base":
         setup, placed = placed_rigidly(setup, setup.instrument.in_base(tips), measurements, used), True
     instrument = setup.instrument
@@ -286,58 +372,7 @@ def iso9283(arm: Arm, measurements: Measurements | Tabular, block: float | None 
     if arm.certainty is not None:
         left = (measurements.position - predict(arm, measurements).position)[used] / (1.0 + instrument.scale)
         model = np.einsum("nij,ni->nj", axes, left)
-    number = {int(row): i for i, row in enumerate(used)}
-
-    def attained_pose(at_pose: np.ndarray, direction: tuple[int, ...] | None) -> AttainedPose:
-        at = np.array([number[int(row)] for row in at_pose])
-        target, points, first = commanded[at[0]], attained[at], int(at_pose[0])
-        angles = None if turned is None or np.isnan(turned[at]).any() else turned[at]
-        offset, accuracy = points.mean(axis=0) - target, None if placed else pose_accuracy(target, points, sigma[at])
-        if accuracy is not None and accuracy.value > 0.0:
-            along = np.einsum("nij,j->ni", axes[at], offset / accuracy.value) / (1.0 + instrument.scale)
-            placing = float(np.sqrt(placing_variance(arm, measurements, at_pose, along)))
-            std = None if accuracy.std is None else float(np.hypot(accuracy.std, placing))
-            accuracy = replace(accuracy, std=std, placing=placing) if np.isfinite(placing) else None
-        return AttainedPose(
-            measurements.pose[first],
-            measurements.payload[first],
-            measurements.session[first],
-            direction,
-            at_pose,
-            target,
-            points,
-            None if accuracy is None else offset,
-            accuracy,
-            pose_repeatability(points, sigma[at]),
-            None if angles is None else angles.mean(axis=0),
-            None if angles is None else 3.0 * angles.std(axis=0, ddof=1),
-            None if model is None else float(np.linalg.norm(model[at].mean(axis=0))),
-        )
-
-    excluded: list[int] = []
-    poses: list[AttainedPose] = []
-    directions: list[Variation] = []
-    drifts: list[Variation] = []
-    for at_pose in sets:
-        sides: dict[tuple[int, ...], list[int]] = {}
-        for row in at_pose.tolist():
-            sides.setdefault(tuple(measurements.approach[row].astype(int).tolist()), []).append(row)
-        several = [attained_pose(np.array(from_side), side) for side, from_side in sides.items() if len(from_side) > 1]
-        apart = [row for from_side in sides.values() if several and len(from_side) == 1 for row in from_side]
-        excluded += apart
-        several = [replace(pose, excluded=len(apart)) for pose in several]
-        poses += several or [attained_pose(at_pose, None)]
-        if len(several) > 1:
-            pairs = combinations([pose.attained.mean(axis=0) for pose in several], 2)
-            most = max(float(np.linalg.norm(mean - other)) for mean, other in pairs)
-            name = (several[0].pose, several[0].payload, several[0].session)
-            directions.append(Variation(*name, "directions", len(several), most, None, most))
-        if block is not None:
-            drifts += [drift for pose in several for drift in _drift(pose, measurements.time[pose.rows], block)]
-    remarks = tuple(_remarks(measurements, poses, directions, drifts, block, placed, excluded))
-    return PosePerformance(
-        arm, measurements, tuple(poses), tuple(directions), tuple(drifts), remarks, tuple(sorted(excluded))
-    )
+    return _Cycles(arm, measurements, used, instrument, placed, axes, commanded, attained, sigma, turned, model)
 
 
 def _drift(pose: AttainedPose, time: Array, block: float) -> Iterator[Variation]:
@@ -362,16 +397,8 @@ def _places(measurements: Measurements, rows: Sequence[int]) -> str:
     return listing([str(measurements.places[row]) if measurements.places else f"row {row}" for row in rows], 5)
 
 
-def _remarks(
-    measurements: Measurements,
-    poses: Sequence[AttainedPose],
-    directions: Sequence[Variation],
-    drifts: Sequence[Variation],
-    block: float | None,
-    placed: bool,
-    excluded: Sequence[int],
-) -> Iterator[str]:
-    """Yield what the standard asks for and these cycles do not give."""
+def _about_accuracy(poses: Sequence[AttainedPose], placed: bool) -> Iterator[str]:
+    """Yield what AP rests on, or why it is not stated."""
     if placed:
         yield (
             "The instrument's place is not known, so AP is not stated: a frame fitted to these poses would have part "
@@ -388,42 +415,49 @@ def _remarks(
             "standard uncertainty. A frame that was fitted with the arm is exchangeable with the zero of a vertical "
             "first joint and with all that shifts the whole arm: marks on the base and a measured target determine it."
         )
+
+
+def _remarks(
+    measurements: Measurements,
+    poses: Sequence[AttainedPose],
+    directions: Sequence[Variation],
+    drifts: Sequence[Variation],
+    block: float | None,
+    excluded: Sequence[int],
+) -> Iterator[str]:
+    """Yield what the standard asks for and these cycles do not give."""
     cycles, places = [pose.cycles for pose in poses], {pose.pose for pose in poses}
-    if min(cycles) < CYCLES:
-        least, most = min(cycles), max(cycles)
-        yield f"{least if least == most else f'{least} to {most}'} cycles of a pose, the standard asks for {CYCLES}."
-    if len(places) < POSES:
-        yield f"{len(places)} poses, the standard asks for {POSES}, in the largest cube of the working space."
-    if all(pose.payload == "none" for pose in poses):
-        yield "Measured without payload: the standard asks for all of the rated load, and for a tenth of it besides."
-    if excluded:
-        counted, first = (
-            sum(pose.cycles for pose in poses),
-            [row for row in excluded if not measurements.approach[row].any()],
-        )
-        once = [row for row in excluded if row not in first]
-        causes = [f"no row before it and no column approach_*: {_places(measurements, first)}"] * bool(first)
-        causes += [f"the pose was attained only once from this direction: {_places(measurements, once)}"] * bool(once)
-        yield f"{len(excluded)} of {counted + len(excluded)} cycles are excluded: {'; '.join(causes)}."
-    mixed = [pose.pose for pose in poses if pose.direction is None]
-    if mixed:
-        yield f"From no direction attained twice, so all directions are one: {listing(mixed)}."
-    if not directions:
-        yield "No pose was repeated from two directions: vAP cannot be given (the standard: three, 30 cycles each)."
-    derived = [name for name in measurements.derived if name.startswith("approach_")]
-    if derived and any(pose.direction is not None for pose in poses):
-        yield "Directions are derived from the row before: the file has no columns approach_*."
-    if block is None:
-        yield "Drift is not given: it needs the time that a block of cycles takes (--block)."
-    elif not drifts:
-        yield f"No pose has cycles in two blocks of {block:g} s: drift cannot be given."
-    if any(pose.rotation is None for pose in poses):
-        yield "Orientations were not read in every cycle: AP and RP of a, b and c are not given for all."
+    least, most, mixed = min(cycles), max(cycles), [pose.pose for pose in poses if pose.direction is None]
+    first = [row for row in excluded if not measurements.approach[row].any()]
+    once = [row for row in excluded if row not in first]
+    causes = [f"no row before it and no column approach_*: {_places(measurements, first)}"] * bool(first)
+    causes += [f"the pose was attained only once from this direction: {_places(measurements, once)}"] * bool(once)
+    derived = any(name.startswith("approach_") for name in measurements.derived)
     repeated = repeats(measurements)
-    if repeated is not None and repeated.same_session.lost:
-        lost = _places(measurements, repeated.same_session.lost)
-        yield f"Outliers beyond the noise, included in the figures: {lost}."
-    yield (
-        "A campaign at rest does not give distance accuracy by pairs, stabilisation time, overshoot, exchangeability, "
-        "compliance under the standard's forces, and anything of paths and velocities."
-    )
+    lost = () if repeated is None else repeated.same_session.lost
+    for holds, text in (
+        (least < CYCLES,
+         f"{least if least == most else f'{least} to {most}'} cycles of a pose, the standard asks for {CYCLES}."),
+        (len(places) < POSES,
+         f"{len(places)} poses, the standard asks for {POSES}, in the largest cube of the working space."),
+        (all(pose.payload == "none" for pose in poses),
+         "Measured without payload: the standard asks for all of the rated load, and for a tenth of it besides."),
+        (excluded,
+         f"{len(excluded)} of {sum(cycles) + len(excluded)} cycles are excluded: {'; '.join(causes)}."),
+        (mixed, f"From no direction attained twice, so all directions are one: {listing(mixed)}."),
+        (not directions,
+         "No pose was repeated from two directions: vAP cannot be given (the standard: three, 30 cycles each)."),
+        (derived and len(mixed) < len(poses),
+         "Directions are derived from the row before: the file has no columns approach_*."),
+        (block is None, "Drift is not given: it needs the time that a block of cycles takes (--block)."),
+        (block is not None and not drifts,
+         f"No pose has cycles in two blocks of {block or 0.0:g} s: drift cannot be given."),
+        (any(pose.rotation is None for pose in poses),
+         "Orientations were not read in every cycle: AP and RP of a, b and c are not given for all."),
+        (lost, f"Outliers beyond the noise, included in the figures: {_places(measurements, lost)}."),
+        (True,
+         "A campaign at rest does not give distance accuracy by pairs, stabilisation time, overshoot, exchangeability, "
+         "compliance under the standard's forces, and anything of paths and velocities."),
+    ):  # fmt: skip
+        if holds:
+            yield text

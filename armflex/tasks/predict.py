@@ -262,15 +262,7 @@ def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, 
     asked: dict[str, Any] = {
         "enforce_limits": any(other_unit(arm.robot.moving[j], float(rows.q[i, j])) for i, j in beyond)
     }
-    try:
-        deflection = certain.deflection(rows.q, rows.payload, covariates=columns, wrenches=rows.wrenches, **asked)
-    except ArmflexError:
-        for i in every:  # which of them it is, by its place
-            with naming(rows.places[i]):
-                given = {name: values[i] for name, values in columns.items()}
-                pulled = wrenches_in(rows.wrenches, int(i))
-                certain.deflection(rows.q[i], rows.payload[i], covariates=given, wrenches=pulled, **asked)
-        raise
+    deflection = _deflected(certain, rows, columns, asked)
     # The tip's position comes first; see `Readings`.
     wanted = [Position.unread(len(rows))]
     read = {name: sensor for name, sensor in arm.sensors.items() if sensor.foreseen}
@@ -292,9 +284,9 @@ def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, 
     at = view.at if view is not None and bent else at
     position, rotation = (kind.predicted(at) for kind in (wanted[0], Orientation.unread(len(rows))))
     if view is not None and read:
-        parts = [law.covariance(deflection.wrenches[:, i], view.line.row) for i, law in enumerate(certain.stack.laws)]
-        for i, part in enumerate(parts):
-            if variance is not None and part is not None:
+        for i, law in enumerate(certain.stack.laws if variance is not None else ()):
+            part = law.covariance(deflection.wrenches[:, i], view.line.row)
+            if part is not None and variance is not None:
                 seen = view.answer(lambda line, i=i: line.laws[:, :, i])[:, tip.stop :]
                 variance[:, tip.stop :] += ((seen @ part) * seen).sum(axis=2)
         for kind, place in view.readings.placed[1:]:
@@ -310,6 +302,19 @@ def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, 
         deflection,
         about,
     )
+
+
+def _deflected(arm: Arm, rows: Measurements, columns: Mapping[str, Array], asked: Mapping[str, Any]) -> DeflectionBatch:
+    """Return how an arm stands in rows; an error names the first of them that it is of."""
+    try:
+        return arm.deflection(rows.q, rows.payload, covariates=columns, wrenches=rows.wrenches, **asked)
+    except ArmflexError:
+        for i, place in enumerate(rows.places):
+            with naming(place):
+                given = {name: values[i] for name, values in columns.items()}
+                pulled = wrenches_in(rows.wrenches, i)
+                arm.deflection(rows.q[i], rows.payload[i], covariates=given, wrenches=pulled, **asked)
+        raise
 
 
 def _with_constants(arm: Arm, rows: Measurements, constants: Mapping[str, float]) -> Measurements:

@@ -18,7 +18,7 @@ from armflex.laws.effects.candidate import Candidate, candidates_of, grid, place
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.deadband import DEADBAND
-from armflex.laws.effects.effect import EffectLaw, Values
+from armflex.laws.effects.effect import EffectLaw, Search, Values
 from armflex.laws.effects.hysteresis import HYSTERESIS
 from armflex.laws.effects.location import LINK, Location, drive_axis
 from armflex.laws.effects.shapes import ABOVE
@@ -88,12 +88,12 @@ class Hypothesis:
 
 def searched() -> list[EffectLaw]:
     """Return the laws that a campaign is searched for: those that may be at one place alone."""
-    return [law for law in EVERY.values() if not law.dense]
+    return [law for law in EVERY.values() if law.search is not Search.NOWHERE]
 
 
 def hypotheses(context: Context) -> list[Hypothesis]:
     """Return every law at every place of a campaign, and every free shape that is not only sought where it may be."""
-    known = list(candidates_of((law for law in searched() if not law.sought), context))
+    known = list(candidates_of((law for law in searched() if law.search is not Search.RESIDUAL), context))
     spots = [one.law_and_place for one in known]
     places, terms, values = Counter(name for name, *_ in set(spots)), dict[tuple, set](), dict[tuple, list[Values]]()
     for one, spot in zip(known, spots, strict=True):

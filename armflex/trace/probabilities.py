@@ -16,6 +16,7 @@ from scipy.special import logsumexp
 
 from armflex.conventions import Array
 from armflex.laws.effects.candidate import places_of
+from armflex.laws.effects.effect import Search
 from armflex.parameters import DOUBT
 from armflex.plan.next_measurement import POSSIBLE
 from armflex.trace.hypotheses import Hypothesis, oddness
@@ -96,7 +97,7 @@ def _elsewhere(screen: Screen, model: Model) -> list[Hypothesis]:
     known, found = {one.hypothesis.one for one in screen.groups}, list[Hypothesis]()
     for shape in (screen.groups[one.number].hypothesis for one in model):
         law, covariates = shape.one.law, shape.one.location.covariates
-        for place in places_of(law, screen.context) if law.sought else ():
+        for place in places_of(law, screen.context) if law.search is Search.RESIDUAL else ():
             one = replace(shape.one, location=place)
             if place.covariates == covariates and one not in known:
                 found.append(replace(shape, one=one, prior=shape.prior + oddness(one) - oddness(shape.one)))

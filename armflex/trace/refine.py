@@ -16,7 +16,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.estimate.view import QUOTIENT_STEP
-from armflex.laws.effects.effect import Inner, Values
+from armflex.laws.effects.effect import Inner, Search, Values
 from armflex.laws.effects.slip_step import moments
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.screen import Screen
@@ -62,12 +62,12 @@ def refine(beside: Beside, some: Sequence[Rival]) -> None:
             # Where it was refined beside other laws, its place is known almost.
             most = 1 if before else MOST_TRIED
             before.add(others)
-            starts = of_grid(hypothesis.spot, most) if hypothesis.one.law.spatial else [hypothesis]
+            starts = of_grid(hypothesis.spot, most) if hypothesis.one.law.search is Search.SPACE else [hypothesis]
             found += best(starts, SCALES[rival.chosen.scale])
     screen.extend(found)
     lead = screen.groups[int(beside.odds.max(axis=1).argmax())].hypothesis
     law, led = lead.one.law, others | {("led by", lead.spot)}
-    if not law.spatial:
+    if law.search is not Search.SPACE:
         return
     # A point of the grid is near the place from some links, and far from it from others.
     inner = tuple(
@@ -95,7 +95,11 @@ def anchored_anew(beside: Beside) -> list[Model]:
     assert isinstance(screen, Screen)
     for i, hypothesis in enumerate(screen.groups[one.number].hypothesis for one in beside.model):
         others = without(beside.model, i)
-        some = (others, *(without(others, j) for j in range(len(others)))) if hypothesis.one.law.spatial else ()
+        some = (
+            (others, *(without(others, j) for j in range(len(others))))
+            if hypothesis.one.law.search is Search.SPACE
+            else ()
+        )
         for rest in some:
             best = rivals(screen.beside(rest), refine, lambda each, spot=hypothesis.spot: each.spot == spot)[:1]
             for whole in [screen.beside((*rest, each.chosen)) for each in best]:

@@ -140,13 +140,12 @@ def as_row(reading: Reading, arm: Arm) -> Measurements:
     if reading.rotation is not None:
         rotation = finite_array(reading.rotation, "rotation", (Orientation.dimension,))[None]
         kinds.append(Orientation(rotation, np.full(rotation.shape, reading.sigma_r, dtype=float)))
-    for name in reading.sensors:
-        if name not in arm.sensors:
-            raise UnknownNameError("instrument", name, arm.sensors)
-    for name, sensor in arm.sensors.items():
-        if name in reading.sensors:
-            values = finite_array(np.atleast_1d(reading.sensors[name]), name, (sensor.unread(1).dimension,))[None]
-            kinds.append(sensor.kind(values, np.full(values.shape, sensor.sigma), name))
+    for name in reading.sensors.keys() - arm.sensors.keys():
+        raise UnknownNameError("instrument", name, arm.sensors)
+    for sensor in [sensor for name, sensor in arm.sensors.items() if name in reading.sensors]:
+        values, size = np.atleast_1d(reading.sensors[sensor.name]), sensor.unread(1).dimension
+        values = finite_array(values, sensor.name, (size,))[None]
+        kinds.append(sensor.kind(values, np.full(values.shape, sensor.sigma), sensor.name))
     for wrench in reading.wrenches:
         if not isinstance(wrench, Wrench):
             raise InputError(f"wrenches: expected loads from outside, such as armflex.Wrench, got {wrench!r}")

@@ -156,6 +156,22 @@ def changeables_of(blocks: Sequence[Block], arm: Arm) -> tuple[Changeable, ...]:
     return tuple(Changeable(group, place, size[place]) for group, place in places.items())
 
 
+def _check_calibrated(arm: Arm) -> None:
+    """Raise where an arm lacks what a tracker needs of a calibration, or has what it cannot follow."""
+    learned = [flexure.name for flexure in arm.flexures if flexure.learn is not None and arm.certainty is None]
+    turned = arm.instrument and any(motion[3:].any() for motion in arm.instrument.targets.values())
+    for holds, text in (
+        (arm.instrument is None and arm.measurement.frame != "base",
+         "the place of the instrument is not known: calibrate the arm before it is tracked"),
+        (turned, "sessions turned the target on the tool anew, which a tracker cannot follow: leave rx ry rz out"),
+        (arm.certainty is None and arm.instrument is not None,
+         "the arm's file holds no covariance of what was fitted: calibrate it again"),
+        (learned, f"flexure {[*learned, ''][0]!r} is to be learned: calibrate the arm before it is tracked"),
+    ):  # fmt: skip
+        if holds:
+            raise InputError(text)
+
+
 def model_of(arm: Arm) -> StateSpace:
     """Return what is tracked of an arm.
 
@@ -165,12 +181,7 @@ def model_of(arm: Arm) -> StateSpace:
     Raises:
         InputError: See `Tracker`.
     """
-    if arm.instrument is None and arm.measurement.frame != "base":
-        raise InputError("the place of the instrument is not known: calibrate the arm before it is tracked")
-    if arm.instrument and any(motion[3:].any() for motion in arm.instrument.targets.values()):
-        raise InputError(
-            "sessions turned the target on the tool anew, which a tracker cannot follow: leave rx ry rz out"
-        )
+    _check_calibrated(arm)
     setup = Setup(arm, replace(arm.instrument or Instrument(), sessions={}, targets={}))
     aside = Certainty((), np.zeros((0, 0)))
     # What was found of sensors in sessions that are over says nothing of how they stand now.
@@ -187,11 +198,6 @@ def model_of(arm: Arm) -> StateSpace:
         kept = certainty.part([i for i, kind in enumerate(kinds) if kind not in others])
         aside = certainty.part([i for i, kind in enumerate(kinds) if kind is ParameterKind.EFFECT])
     else:
-        if arm.instrument is not None:
-            raise InputError("the arm's file holds no covariance of what was fitted: calibrate it again")
-        learned = [flexure.name for flexure in arm.flexures if flexure.learn is not None]
-        if learned:
-            raise InputError(f"flexure {learned[0]!r} is to be learned: calibrate the arm before it is tracked")
         middle = np.clip(np.zeros(len(arm.joint_names)), arm.robot.lower, arm.robot.upper)
         every = {name: np.zeros(sensor.unread(1).dimension) for name, sensor in arm.sensors.items()}
         alone = Setup(replace(arm, prior=replace(arm.prior, session_target=0.0)), setup.instrument)
@@ -211,14 +217,9 @@ def model_of(arm: Arm) -> StateSpace:
         raise InputError(OTHER_PARAMETERS.text)
     if not blocks:
         raise InputError("nothing may move: the arm was not calibrated, and [prior] frees nothing")
+    anew = {ParameterKind.INSTRUMENT: restationing, ParameterKind.TOOL: np.full(3, arm.prior.session_target**2)}
     added = [
-        restationing
-        if block.kind is ParameterKind.INSTRUMENT
-        else np.full(3, arm.prior.session_target**2)
-        if block.kind is ParameterKind.TOOL
-        else block.prior**2
-        if block.kind is ParameterKind.SENSOR
-        else np.zeros(len(block.parameters))
+        block.prior**2 if block.kind is ParameterKind.SENSOR else anew.get(block.kind, np.zeros(len(block.parameters)))
         for block in blocks
     ]
     sizes = np.ones(len(kept.parameters))

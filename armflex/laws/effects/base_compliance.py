@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from armflex.laws.effects.context import AXES_TURN, Records
-from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
+from armflex.laws.effects.effect import Amplitude, DependsOn, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import BASE, Location
 from armflex.laws.effects.shapes import CROSSED, crossed_terms, each_axis, turning_terms
 from armflex.laws.terms import straight
@@ -34,5 +34,5 @@ BASE_COMPLIANCE = TwistLaw(
         *each_axis(3),
         *crossed_terms(),
     ],
-    loaded=True,
+    depends_on=DependsOn.COMPLIANCE,
 )

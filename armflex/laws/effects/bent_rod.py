@@ -8,7 +8,17 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.context import Context, Records
-from armflex.laws.effects.effect import Act, Amplitude, ChangeableModel, Effect, ModelLaw, Plausible, Solved, Words
+from armflex.laws.effects.effect import (
+    Act,
+    Amplitude,
+    ChangeableModel,
+    DependsOn,
+    Effect,
+    ModelLaw,
+    Plausible,
+    Solved,
+    Words,
+)
 from armflex.laws.effects.location import LINK, Here, Location
 from armflex.laws.effects.shapes import ON_THE_LINK
 from armflex.robot import Robot
@@ -47,12 +57,11 @@ BENT_ROD = ModelLaw(
     name="bent_rod",
     words=Words("bent rod", "the link between a joint and a loop's pin is shorter or longer than drawn", "constant"),
     instead=ON_THE_LINK,
-    watched=True,
     plausible=Plausible(0.005, 0.01, "what is off its drawing by a cm is measured again"),
     places=_places,
     amplitudes=(Amplitude("length", "m"),),
     act=Act.TWIST,
     made=_longer,
     changed=_change,
-    constant=True,
+    depends_on=DependsOn.NOTHING,
 )

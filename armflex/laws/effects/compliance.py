@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from armflex.laws.effects.context import AXES
-from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
+from armflex.laws.effects.effect import Amplitude, DependsOn, Plausible, TwistLaw, Watching, Words
 from armflex.laws.effects.shapes import about_several, at_joints, compliances, each_axis
 
 COMPLIANCE = TwistLaw(
     name="compliance",
     words=Words("compliance", "the compliance of the joint is larger (or smaller) than declared", "C · w"),
-    instead="measure a second target between the joints in question",
-    watched=True,
+    instead=Watching("measure a second target between the joints in question"),
     plausible=Plausible(0.015, 0.01, "a larger deflection is visible to the naked eye, and declared"),
     places=lambda records: [*at_joints(records), *about_several(records, 4)],
     amplitudes=(
@@ -18,6 +17,6 @@ COMPLIANCE = TwistLaw(
         *(Amplitude(f"C_{axis}", "m/N" if axis[0] == "d" else "rad/Nm") for axis in AXES),
     ),
     terms=lambda here, inner: [*compliances(here.direction, ()), *each_axis()],
-    loaded=True,
+    depends_on=DependsOn.COMPLIANCE,
     stands_for=("compliance", "law"),
 )

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from armflex.laws.effects.effect import Afterwards, Amplitude, Inner, Plausible, TwistLaw, Words
+from armflex.laws.effects.effect import Afterwards, Amplitude, DependsOn, Inner, Plausible, TwistLaw, Words
 from armflex.laws.effects.shapes import at_joints, compliances, of_column, on_axis
 from armflex.laws.terms import Factor, Of
 
@@ -16,6 +16,6 @@ CREEP = TwistLaw(
     terms=lambda here, inner: compliances(here.direction, (Factor(Of.CREEP, "hold", (inner[0],)),)),
     direction=on_axis,
     inner=(Inner("t0", "s", of_column(lambda hold: float(hold.max()) * np.array([0.01, 0.05, 0.2, 1.0]))),),
-    loaded=True,
+    depends_on=DependsOn.COMPLIANCE,
     afterwards=Afterwards.ANEW,
 )

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from armflex.laws.effects.context import AXES
-from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, DependsOn, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location
 from armflex.laws.terms import UNITS, Term, straight
 
@@ -27,6 +27,6 @@ CROSS_COUPLING = TwistLaw(
     ],
     amplitudes=(Amplitude("C", "{m}/{across}"),),
     terms=_terms,
-    loaded=True,
+    depends_on=DependsOn.COMPLIANCE,
     symmetric=True,
 )

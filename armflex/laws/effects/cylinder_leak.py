@@ -1,6 +1,6 @@
 """A cylinder that leaks: oil passes its piston or valve, so it yields to its load with time, c F h."""
 
-from armflex.laws.effects.effect import Afterwards, Amplitude, Plausible, TwistLaw, Words
+from armflex.laws.effects.effect import Afterwards, Amplitude, DependsOn, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import Location
 from armflex.laws.effects.shapes import compliances, on_axis
 from armflex.laws.terms import powers
@@ -18,6 +18,6 @@ CYLINDER_LEAK = TwistLaw(
     amplitudes=(Amplitude("c", "m/(N s)", positive=True),),
     terms=lambda here, inner: compliances(here.direction, powers("hold", 1)),
     direction=on_axis,
-    loaded=True,
+    depends_on=DependsOn.COMPLIANCE,
     afterwards=Afterwards.ANEW,
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from armflex.laws.effects.context import AXES_TURN
-from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Words
+from armflex.laws.effects.effect import Amplitude, DependsOn, Inner, Plausible, TwistLaw, Words
 from armflex.laws.effects.shapes import about_several, at_joints, shares_of_load
 from armflex.laws.terms import UNITS, Curve, Term, part
 
@@ -23,5 +23,5 @@ DEADBAND = TwistLaw(
         [Term(way, features=(part(way / inner[0], Curve.CLIPPED),))] for way in (here.direction, *UNITS[3:])
     ],
     inner=(Inner("tau0", "{w}", partial(shares_of_load, shares=(0.03, 0.1, 0.2, 0.4, 0.7))),),
-    loaded=True,
+    depends_on=DependsOn.COMPLIANCE,
 )

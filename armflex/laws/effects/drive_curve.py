@@ -15,7 +15,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.context import AXES_TURN, Records
-from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, Inner, Plausible, Search, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location, drive_axis
 from armflex.laws.effects.shapes import SECOND_ENCODER, of_column, own_column, twists
 from armflex.laws.terms import Factor, Term, Terms, table
@@ -81,5 +81,5 @@ DRIVE_CURVE = TwistLaw(
         Inner("low", "as recorded", of_column(lambda x: (float(x.min()),)), positive=False, polished=False),
         Inner("high", "as recorded", of_column(lambda x: (float(x.max()),)), positive=False, polished=False),
     ),
-    dense=True,
+    search=Search.NOWHERE,
 )

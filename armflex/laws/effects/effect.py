@@ -132,6 +132,29 @@ class Afterwards(Enum):
     STAYS = "it stays as it was at the end"
     WANDERS = "it is not carried on: its mean over the campaign stands in for it, and sigma has its scatter"
     ANEW = "it begins anew, by the clock of the rows"
+    OVER = "no row still to be measured depends on it"
+
+
+class DependsOn(Enum):
+    """What a twist depends on."""
+
+    NOTHING = "nothing: it is a constant, and nothing is plainer"
+    COLUMNS = "columns and positions alone"
+    LOAD = "the load, whichever way it goes"
+    COMPLIANCE = "the load, whose way it follows as a compliance does"
+
+
+class Search(Enum):
+    """Where a law is looked for."""
+
+    PLACES = "at each of its places"
+    RESIDUAL = "at those of its places that the residual points to"
+    SPACE = "at places in space, with which it bends like a free shape"
+    NOWHERE = "it is at every place at once or at none, see `armflex.trace.families`"
+
+
+class Watching(str):
+    """Advice to watch what moves, which does not distinguish two causes of one motion."""
 
 
 INSTANTS = 24
@@ -224,25 +247,18 @@ class EffectLaw(ABC):
         words: For people.
         instead: What shows it by other means than more rows of the same kind; '' where none is known.
         level: What is said in its stead where gravity turns with the joint: what a level shows of it.
-        watched: Whether both only watch what moves, which does not distinguish two causes of one motion.
         plausible: How large it is on machines that work.
         places: Where it makes sense.
         amplitudes: Linear parameters.
         inner: Nonlinear parameters.
         direction: (here, inner) -> the (6,) twist of which every twist is a multiple, None where there is no such.
-        loaded: Whether a twist depends on the wrench; that it is proportional to it is said by its terms.
+        depends_on: What a twist depends on; that it is proportional to the load is said by its terms.
         memory: State it needs, if any.
         possible: Whether it is plausible of a context and an arm with its values, beyond the bounds of its amplitudes.
-        constant: Whether it depends on nothing: nothing is plainer.
         afterwards: Of one that depends on time, for which clock it holds.
-        spatial: Whether a place in space is searched for it, with which it bends like a free shape.
+        search: Where it is looked for.
         physical: Whether it is physics rather than a free shape, whether or not the catalogue names it.
-        sought: Whether it is tried only where the residual points.
-        dense: Whether it is at every place at once or at none, so that no single one is searched for; see
-            `armflex.trace.families`.
-        passive: Whether a twist of the load is a compliance, which must follow the load's way.
         symmetric: Whether axis and partner of its locations may change places.
-        of_session: Whether it is of a session that has been: no row still to be measured depends on it.
         stands_for: Blocks of declared parameters whose errors look like it.
         shape: What files call an unnamed shape, '' for all others.
         columns: How many columns of any name such a shape depends on.
@@ -253,24 +269,18 @@ class EffectLaw(ABC):
     words: Words
     instead: str = ""
     level: str = ""
-    watched: bool = False
     plausible: Plausible = Plausible(0.015, 0.01, "what moves further is seen with the naked eye")
     places: Callable[[Records], Iterable[Location]]
     amplitudes: tuple[Amplitude, ...]
     inner: tuple[Inner, ...] = ()
     direction: Callable[[Here, Values], Array | None] = lambda here, inner: None
-    loaded: bool = False
+    depends_on: DependsOn = DependsOn.COLUMNS
     memory: Memory | None = None
     possible: Callable[[Effect, Context, Manipulator], bool] = lambda effect, context, arm: True
-    constant: bool = False
     afterwards: Afterwards = Afterwards.WANDERS
-    spatial: bool = False
+    search: Search = Search.PLACES
     physical: bool = True
-    sought: bool = False
-    dense: bool = False
-    passive: bool = True
     symmetric: bool = False
-    of_session: bool = False
     stands_for: tuple[str, ...] = ()
     shape: str = ""
     columns: int = 1
@@ -286,7 +296,12 @@ class EffectLaw(ABC):
     @property
     def plain(self) -> bool:
         """Whether it has neither a free shape nor a place in space to be searched."""
-        return self.physical and not self.spatial
+        return self.physical and self.search is not Search.SPACE
+
+    @property
+    def loaded(self) -> bool:
+        """Whether a twist depends on the load."""
+        return self.depends_on in (DependsOn.LOAD, DependsOn.COMPLIANCE)
 
     def features(self, location: Location, inner: Values, view: Solved, context: Context) -> Array:
         """Return (M, k, n) what it does in some rows per amplitude of `location.terms`; `act` says what that is."""
@@ -308,7 +323,7 @@ class EffectLaw(ABC):
             linear, angular = weight * linear, weight * angular
         elif self.act is Act.GRAVITY:
             linear = max(float(np.linalg.norm(arm.robot.gravity)), 1e-9) * angular
-        elif self.act is Act.TWIST and not (self.loaded or self.constant):
+        elif self.act is Act.TWIST and self.depends_on is DependsOn.COLUMNS:
             done = done - done.mean(axis=0)
         squares = (done**2).mean(axis=0)
         return float(np.sqrt(max(squares[:3].sum() / linear**2, squares[3:].sum() / angular**2)))

@@ -19,7 +19,6 @@ ENCODER_ECCENTRICITY = TwistLaw(
     words=Words("encoder eccentricity", "the error turns with the joint", "A sin q + B cos q"),
     instead=SECOND_ENCODER,
     level=OVER_ITS_RANGE,
-    watched=True,
     plausible=Plausible(0.001, 0.003, "a disc that is 0.05 mm off its axis at 20 mm of radius"),
     places=_places,
     amplitudes=(Amplitude("A", "rad"), Amplitude("B", "rad")),

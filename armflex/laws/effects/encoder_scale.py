@@ -9,7 +9,6 @@ ENCODER_SCALE = TwistLaw(
     words=Words("encoder scale", "the joint moves further than reported, or less", "scale · (q − q₀)"),
     instead=SECOND_ENCODER,
     level=OVER_ITS_RANGE,
-    watched=True,
     plausible=Plausible(0.002, 0.005, "a tooth in a thousand, or a belt that stretches"),
     places=lambda records: at_drives(records, "q_{joint}"),
     amplitudes=(Amplitude("scale", "1"),),

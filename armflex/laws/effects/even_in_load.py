@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, DependsOn, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, with_terms
 from armflex.laws.effects.shapes import at_joints, on_axis
 from armflex.laws.terms import Term, part, power
@@ -26,6 +26,5 @@ EVEN_IN_LOAD = TwistLaw(
     amplitudes=(Amplitude("c_force", "{m}/N"), Amplitude("c_moment", "{m}/Nm"), Amplitude("c_square", "{m}/{w}^2")),
     terms=_terms,
     direction=on_axis,
-    loaded=True,
-    passive=False,
+    depends_on=DependsOn.LOAD,
 )

@@ -1,7 +1,7 @@
 """Friction wind-up: s (a + b |tau|), the drive train twisted by the friction it had to overcome."""
 
 from armflex.laws.effects.context import Context
-from armflex.laws.effects.effect import Amplitude, Effect, Manipulator, Plausible, TwistLaw, Words
+from armflex.laws.effects.effect import Amplitude, DependsOn, Effect, Manipulator, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import with_terms
 from armflex.laws.effects.shapes import BY_HAND, at_drives, on_drive, side
 from armflex.laws.terms import Curve, Term, part
@@ -25,7 +25,6 @@ FRICTION_WINDUP = TwistLaw(
         [Term(here.drive, features=(part(here.drive, Curve.SIZE),), factors=side(here))],
     ],
     direction=on_drive,
-    loaded=True,
-    passive=False,
+    depends_on=DependsOn.LOAD,
     possible=_grows,
 )

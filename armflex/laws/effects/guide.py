@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from armflex.laws.effects.context import AXES_TURN
-from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, DependsOn, Inner, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location
 from armflex.laws.effects.shapes import of_column, on_axis, shares_of_load
 from armflex.laws.terms import Curve, Factor, Of, Term, part, straight
@@ -48,6 +48,6 @@ GUIDE = TwistLaw(
         Inner("spare", "m", of_column(lambda q: max(float(np.ptp(q)), 1e-3) * np.array([0.05, 0.15, 0.5]))),
         Inner("out", "m", of_column(lambda q: (float(q.max()), float(q.min()))), positive=False, polished=False),
     ),
-    loaded=True,
+    depends_on=DependsOn.COMPLIANCE,
     shape="guide",
 )

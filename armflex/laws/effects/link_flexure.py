@@ -1,7 +1,7 @@
 """A link that bends at its end, in the frame before its end joint's motion: C w, on one axis or about several."""
 
 from armflex.laws.effects.context import AXES
-from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
+from armflex.laws.effects.effect import Amplitude, DependsOn, Plausible, TwistLaw, Words
 from armflex.laws.effects.shapes import (
     CROSSED,
     ON_THE_LINK,
@@ -15,7 +15,6 @@ LINK_FLEXURE = TwistLaw(
     name="link_flexure",
     words=Words("link flexure", "the link itself bends", "C · w"),
     instead=ON_THE_LINK,
-    watched=True,
     plausible=Plausible(0.015, 0.01, "a larger deflection is visible to the naked eye, and declared"),
     places=lambda records: singly_and_together(records.links, *turning_terms(3, 6)),
     amplitudes=(
@@ -23,5 +22,5 @@ LINK_FLEXURE = TwistLaw(
         *(Amplitude(name, "rad/Nm") for name in CROSSED),
     ),
     terms=lambda here, inner: [*each_axis(), *crossed_terms()],
-    loaded=True,
+    depends_on=DependsOn.COMPLIANCE,
 )

@@ -6,7 +6,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.context import Context
-from armflex.laws.effects.effect import Amplitude, Effect, Inner, LoadLaw, Manipulator, Plausible, Values, Words
+from armflex.laws.effects.effect import Amplitude, Effect, Inner, LoadLaw, Manipulator, Plausible, Search, Values, Words
 from armflex.laws.effects.location import Here, Location
 from armflex.laws.effects.shapes import coordinates, force_at, middle_of
 
@@ -42,5 +42,5 @@ MAGNETIC_PULL = LoadLaw(
     pull=_pull,
     inner=(*coordinates("point", 4), REACH),
     possible=_within_reach,
-    spatial=True,
+    search=Search.SPACE,
 )

@@ -12,7 +12,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.context import Context, Records
-from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, DependsOn, Inner, Plausible, TwistLaw, Values, Watching, Words
 from armflex.laws.effects.location import Here, Location, joint_named
 from armflex.laws.law import embed
 from armflex.laws.terms import NOTHING, Term, power
@@ -53,12 +53,11 @@ def _seated(location: Location, context: Context) -> Iterable[float]:
 PIN_PLAY = TwistLaw(
     name="pin_play",
     words=Words("play in a pin", "the pin falls to the side on which it is loaded", "(gap / 2) · F / |F|"),
-    instead="reverse the load on the pin, and watch both of its links with a dial gauge",
-    watched=True,
+    instead=Watching("reverse the load on the pin, and watch both of its links with a dial gauge"),
     plausible=Plausible(0.001, 0.002, "bushes are changed when a pin has a mm or two"),
     places=_places,
     amplitudes=(Amplitude("gap", "m", positive=True),),
     terms=_terms,
     inner=(Inner("seated", "N", _seated),),
-    loaded=True,
+    depends_on=DependsOn.COMPLIANCE,
 )

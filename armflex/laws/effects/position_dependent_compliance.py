@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
+from armflex.laws.effects.effect import Amplitude, DependsOn, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import Location, with_terms
 from armflex.laws.effects.shapes import compliances, on_axis, own_column
 from armflex.laws.terms import powers
@@ -22,5 +22,5 @@ POSITION_DEPENDENT_COMPLIANCE = TwistLaw(
     amplitudes=(Amplitude("C1", "{m}/{w} per q"), Amplitude("C2", "{m}/{w} per q^2")),
     terms=lambda here, inner: compliances(here.direction, *(powers(own_column(here), exponent) for exponent in (1, 2))),
     direction=on_axis,
-    loaded=True,
+    depends_on=DependsOn.COMPLIANCE,
 )

@@ -13,7 +13,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.context import Context
-from armflex.laws.effects.effect import LEAST_WEIGHT, Act, Effect, Manipulator, Solved, full
+from armflex.laws.effects.effect import LEAST_WEIGHT, Act, DependsOn, Effect, Manipulator, Solved, full
 from armflex.laws.effects.in_arm import BoundTwist
 from armflex.laws.effects.location import resolve
 from armflex.laws.joint.linear import SOFTEST
@@ -159,7 +159,7 @@ def _gives(effect: Effect, view: Solved, context: Context, declared: Manipulator
     wrenches, row = view.load_at(effect.location.site)[sampled], context.row.some(view.rows[sampled])
     compliance = np.broadcast_to(bound.tangent(wrenches, row), (len(sampled), 6, 6))
     good = _is_stiff(np.abs(np.einsum("...ii->...i", compliance)))
-    if law.passive:  # the whole compliance has a positive diagonal, and couplings within it
+    if law.depends_on is DependsOn.COMPLIANCE:  # the whole compliance has a positive diagonal, and couplings within it
         total = np.zeros((6, 6)) if here.base_law is None else here.base_law.tangent(wrenches, row)
         total = np.broadcast_to(total, compliance.shape) + compliance
         along = np.einsum("rii->ri", total)

@@ -12,7 +12,17 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.context import AXES, Context, Records
-from armflex.laws.effects.effect import Act, Amplitude, ChangeableModel, Effect, ModelLaw, Plausible, Solved, Words
+from armflex.laws.effects.effect import (
+    Act,
+    Afterwards,
+    Amplitude,
+    ChangeableModel,
+    Effect,
+    ModelLaw,
+    Plausible,
+    Solved,
+    Words,
+)
 from armflex.laws.effects.location import BASE, Here, Location
 from armflex.laws.effects.shapes import ON_THE_FLOOR
 
@@ -43,5 +53,5 @@ SESSION_FRAME = ModelLaw(
     act=Act.FRAME,
     made=_moved,
     changed=_change,
-    of_session=True,
+    afterwards=Afterwards.OVER,
 )

@@ -9,7 +9,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.laws.effects.context import AXES, AXES_TURN, Context, Records
-from armflex.laws.effects.effect import Effect, Inner, Manipulator, Memory, Values
+from armflex.laws.effects.effect import Effect, Inner, Manipulator, Memory, Values, Watching
 from armflex.laws.effects.location import TOOL, Here, Location, drive_axis
 from armflex.laws.terms import UNITS, Factor, Term, powers, straight
 from armflex.rows.rows import TIME
@@ -24,10 +24,10 @@ ROUNDING = 1e-9
 """Share of a joint's largest load below which a load along another of its axes is rounding."""
 
 BY_HAND = "push the joint to and fro with its brake on, because play gives without force and wind-up springs back"
-SECOND_ENCODER = "compare the joint's encoder with a second one over the joint's range"
+SECOND_ENCODER = Watching("compare the joint's encoder with a second one over the joint's range")
 OVER_ITS_RANGE = "compare the joint's encoder with a second one or an inclinometer on its link over the joint's range"
-ON_THE_LINK = "measure a second target on the link"
-IN_THE_BASE = "measure the joint's link in the base frame, by marks on both or a wire from a known anchor"
+ON_THE_LINK = Watching("measure a second target on the link")
+IN_THE_BASE = Watching("measure the joint's link in the base frame, by marks on both or a wire from a known anchor")
 ON_THE_FLOOR = "measure fixed targets on the floor in every session"
 
 

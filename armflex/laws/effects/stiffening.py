@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, DependsOn, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, with_terms
 from armflex.laws.effects.shapes import at_joints, on_axis
 from armflex.laws.terms import Curve, Term, part
@@ -24,5 +24,5 @@ STIFFENING = TwistLaw(
     amplitudes=(Amplitude("c2", "{m}/{w}^2"), Amplitude("c3", "{m}/{w}^3")),
     terms=_terms,
     direction=on_axis,
-    loaded=True,
+    depends_on=DependsOn.COMPLIANCE,
 )

@@ -16,7 +16,17 @@ import numpy as np
 
 from armflex.conventions import WRENCH_NAMES, Array
 from armflex.laws.effects.context import AXES, AXES_TURN, Context, Records
-from armflex.laws.effects.effect import Amplitude, Effect, Inner, Manipulator, Plausible, TwistLaw, Values, Words
+from armflex.laws.effects.effect import (
+    Amplitude,
+    DependsOn,
+    Effect,
+    Inner,
+    Manipulator,
+    Plausible,
+    TwistLaw,
+    Values,
+    Words,
+)
 from armflex.laws.effects.location import Here, Location, drive_axis
 from armflex.laws.effects.shapes import on_axis, own_column
 from armflex.laws.terms import Curve, Factor, Of, Term, part, powers, straight
@@ -105,6 +115,5 @@ SUPPORT_LIFT = TwistLaw(
     direction=on_axis,
     inner=(Inner("start", "{over}", _starts, positive=False),),
     possible=_is_met,
-    loaded=True,
-    passive=False,
+    depends_on=DependsOn.LOAD,
 )

@@ -16,7 +16,17 @@ from collections.abc import Iterable
 import numpy as np
 
 from armflex.laws.effects.context import Context
-from armflex.laws.effects.effect import Amplitude, Effect, Inner, Manipulator, Plausible, TwistLaw, Values, Words
+from armflex.laws.effects.effect import (
+    Amplitude,
+    DependsOn,
+    Effect,
+    Inner,
+    Manipulator,
+    Plausible,
+    TwistLaw,
+    Values,
+    Words,
+)
 from armflex.laws.effects.location import Here, Location
 from armflex.laws.effects.shapes import of_column, own_column
 from armflex.laws.joint.telescope import bending
@@ -85,6 +95,6 @@ TELESCOPE = TwistLaw(
         Inner("length0", "m", _length0, positive=False),
         Inner("declared_at", "m", of_column(lambda q: (float(q.mean()),)), positive=False),
     ),
-    loaded=True,
+    depends_on=DependsOn.COMPLIANCE,
     shape="telescope",
 )

@@ -7,7 +7,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.laws.effects.context import Records
-from armflex.laws.effects.effect import Afterwards, Amplitude, Plausible, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Afterwards, Amplitude, DependsOn, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location
 from armflex.laws.effects.shapes import LAGGED, WARM, at_joints, shows_lag, warm, with_temperature
 from armflex.laws.terms import Terms, weight_of
@@ -44,7 +44,7 @@ THERMAL_SOFTENING = TwistLaw(
     terms=_terms,
     basis=_basis,
     inner=WARM,
-    loaded=True,
+    depends_on=DependsOn.COMPLIANCE,
     memory=LAGGED,
     afterwards=Afterwards.ANEW,
     possible=shows_lag,

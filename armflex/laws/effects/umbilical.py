@@ -6,7 +6,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.context import Context
-from armflex.laws.effects.effect import Amplitude, Effect, Inner, LoadLaw, Manipulator, Plausible, Values, Words
+from armflex.laws.effects.effect import Amplitude, Effect, Inner, LoadLaw, Manipulator, Plausible, Search, Values, Words
 from armflex.laws.effects.location import Here, Location
 from armflex.laws.effects.shapes import coordinates, end_of, force_at
 
@@ -56,5 +56,5 @@ UMBILICAL = LoadLaw(
     pull=_pull,
     inner=(*coordinates("anchor", 3), REST, HOOK, *ASIDE),
     possible=_is_anchored,
-    spatial=True,
+    search=Search.SPACE,
 )

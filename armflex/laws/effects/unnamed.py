@@ -13,7 +13,18 @@ from itertools import permutations
 import numpy as np
 
 from armflex.laws.effects.context import Context, Records
-from armflex.laws.effects.effect import Amplitude, Effect, Inner, Manipulator, Plausible, TwistLaw, Values, Words
+from armflex.laws.effects.effect import (
+    Amplitude,
+    DependsOn,
+    Effect,
+    Inner,
+    Manipulator,
+    Plausible,
+    Search,
+    TwistLaw,
+    Values,
+    Words,
+)
 from armflex.laws.effects.location import BASE, TOOL, Here, Location, with_terms
 from armflex.laws.effects.shapes import compliances, free_of_aliases, of_column, on_axis, shares_of_load, twists
 from armflex.laws.terms import Curve, Factor, Of, Term, part, powers, tents, waves
@@ -108,7 +119,7 @@ SPLINE_COMPLIANCE = Shape(
     amplitudes=tuple(Amplitude(name, "{m}/{w}") for name in TENTS),
     terms=lambda here, inner: compliances(here.direction, *([tent] for tent in _tents(here, inner))),
     inner=(LOW, HIGH),
-    loaded=True,
+    depends_on=DependsOn.COMPLIANCE,
     shape="spline_compliance",
 )
 BUMP = Shape(
@@ -119,7 +130,7 @@ BUMP = Shape(
     terms=lambda here, inner: twists(here.direction, (Factor(Of.BUMP, _column(here), tuple(inner)),)),
     inner=(CENTRE, WIDTH),
     shape="bump",
-    sought=True,
+    search=Search.RESIDUAL,
 )
 WAVE = Shape(
     name="unnamed_wave",
@@ -129,7 +140,7 @@ WAVE = Shape(
     terms=lambda here, inner: twists(here.direction, *([wave] for wave in waves(_column(here), inner[0]))),
     inner=(NUMBER,),
     shape="wave",
-    sought=True,
+    search=Search.RESIDUAL,
     possible=_goes_round,
 )
 LINE = Shape(
@@ -157,9 +168,9 @@ LINE_COMPLIANCE = Shape(
         here.direction, *(powers(_column(here), exponent, inner[0]) for exponent in (1, 2))
     ),
     inner=(MIDDLE,),
-    loaded=True,
+    depends_on=DependsOn.COMPLIANCE,
     shape="line_compliance",
-    dense=True,
+    search=Search.NOWHERE,
 )
 LINE_PLAY = Shape(
     name="unnamed_line_play",
@@ -173,9 +184,9 @@ LINE_PLAY = Shape(
         for factors in (powers(_column(here), exponent, inner[0]) for exponent in (0, 1))
     ],
     inner=(MIDDLE, Inner("tau0", "{w}", partial(shares_of_load, shares=(0.1,)))),
-    loaded=True,
+    depends_on=DependsOn.COMPLIANCE,
     shape="line_play",
-    dense=True,
+    search=Search.NOWHERE,
 )
 PRODUCT = Shape(
     name="unnamed_product",
@@ -186,7 +197,7 @@ PRODUCT = Shape(
     inner=(LOW, HIGH, MIDDLE),
     shape="product",
     columns=2,
-    sought=True,
+    search=Search.RESIDUAL,
 )
 WAVE_PRODUCT = Shape(
     name="unnamed_wave_product",
@@ -201,7 +212,7 @@ WAVE_PRODUCT = Shape(
     inner=(NUMBER, MIDDLE),
     shape="wave_product",
     columns=2,
-    sought=True,
+    search=Search.RESIDUAL,
     possible=_goes_round,
 )
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.laws.effects.context import Records
-from armflex.laws.effects.effect import Afterwards, Amplitude, Inner, Plausible, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Afterwards, Amplitude, Inner, Plausible, Search, TwistLaw, Values, Words
 from armflex.laws.effects.location import BASE, Here, Location, drive_axis
 from armflex.laws.effects.shapes import ON_THE_FLOOR, of_column, twists
 from armflex.laws.terms import Factor, Term, Terms, table
@@ -63,7 +63,7 @@ def _walk(name: str, direction: Callable[[Here, Values], Array], **more: Any) ->
         direction=direction,
         terms=terms,
         joined=joined,
-        dense=True,
+        search=Search.NOWHERE,
         **more,
     )
 

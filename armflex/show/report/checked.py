@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date
 from types import SimpleNamespace
@@ -64,17 +64,11 @@ def account(checked: CheckedPath) -> SimpleNamespace:
     asked += "" if report.angle_rad is None else f" and {report.angle_rad * 1e3:g} mrad"
     verdict = "within" if report.ok else "NOT within" if worst.verdict == "fail" else "not certain to be within"
     where = f"at {worst.name}" if worst.name else f"between via-points, at {worst.time:g} s"
-    cards = [
+    cards = (
         ("Largest displacement", millimetres(worst.displacement_m, worst.sigma_m), where),
         ("Smallest margin", millimetres(min(point.margin_m for point in (*points, worst))), f"of {asked}"),
-    ]
-    slow = min((at for at in modes if len(at.frequencies)), key=lambda at: at.frequencies[0], default=None)
-    if slow is not None:
-        cards.append(("Slowest first frequency", f"{slow.frequencies[0]:.3g} Hz", f"at {slow.name}"))
-    if swing and swing.via_points:
-        last = max(swing.via_points, key=lambda point: point.settle_s)
-        note = f"until within {checked.within * 1e3:g} mm, at {last.name or 'the last row'}"
-        cards.append(("Longest settling", f"{number(last.settle_s, 3)} s", note))
+        *_slowest(modes, swing, checked.within),
+    )
     angle = report.angle_rad is not None
     head = ["via-point", "time s", "payload", f"{moves} mm", "margin mm", "turns mrad", *(["margin mrad"] * angle)]
     rows = tuple(
@@ -96,7 +90,7 @@ def account(checked: CheckedPath) -> SimpleNamespace:
                 if point.reason
             ),
         ),
-        cards=tuple(cards),
+        cards=cards,
         picture=_picture(checked, points),
         bars=_bars(checked, points),
         head=[*head, "verdict", "cause", "first frequency Hz", "settles in s", "peak mm"],
@@ -107,6 +101,17 @@ def account(checked: CheckedPath) -> SimpleNamespace:
         campaign=_rests_on(checked, asked),
         flags=[flag.text for flag in flags],
     )
+
+
+def _slowest(modes: Sequence[ModesAt], swing: SettlingReport | None, within: float) -> Iterator[tuple[str, str, str]]:
+    """Yield the cards of the slowest mode and of the longest settling."""
+    slow = min((at for at in modes if len(at.frequencies)), key=lambda at: at.frequencies[0], default=None)
+    if slow is not None:
+        yield "Slowest first frequency", f"{slow.frequencies[0]:.3g} Hz", f"at {slow.name}"
+    if swing and swing.via_points:
+        last = max(swing.via_points, key=lambda point: point.settle_s)
+        note = f"until within {within * 1e3:g} mm, at {last.name or 'the last row'}"
+        yield "Longest settling", f"{number(last.settle_s, 3)} s", note
 
 
 def _swings(checked: CheckedPath) -> tuple[SettlingReport | None, tuple[ModesAt, ...], str]:

@@ -226,11 +226,8 @@ def account(calibration: Calibration) -> SimpleNamespace:
     placed = bool(view.readings.of(Position))
     left = view.residual[:, view.foremost][used] if placed else np.zeros((len(rows), 0))
     moved = sorted(calibration.findings, key=lambda finding: -abs(finding.pull))
-    determined = [
-        parameter
-        for parameter in calibration.parameters
-        if parameter.determined and np.isfinite(parameter.prior) and parameter.kind not in FRAMES
-    ]
+    judgeable = [found for found in calibration.parameters if found.determined and np.isfinite(found.prior)]
+    determined = [found for found in judgeable if found.kind not in FRAMES]
     most = moved or sorted(determined, key=lambda parameter: -abs(parameter.pull))[: ON_COVER - 4]
     rms = (millimetres(errors.rms, unit=view.readings.shown_in) for errors in (before, now))
     title = view.readings.error_title

@@ -9,7 +9,7 @@ import numpy as np
 
 from armflex.conventions import SHOWN, TWIST_NAMES, WRENCH_NAMES, Array
 from armflex.laws.effects.context import Context
-from armflex.laws.effects.effect import Act, Effect
+from armflex.laws.effects.effect import Act, DependsOn, Effect
 from armflex.laws.effects.shapes import ABOVE, LAG
 from armflex.show.report.svg import AFTER, BEFORE, INK, MARK, MUTED, RULE, canvas, cut, grid, inline
 from armflex.show.report.words import labelled, measure, scaled, units_of, with_std
@@ -185,7 +185,9 @@ def _suspect(trace: Trace, effect: Effect, axis: Array | None) -> tuple[Array, s
         load = context.wrench(state.fit.view, location.site)[rows, main]
         return _loads(load, WRENCH_NAMES[main], f"load {WRENCH_NAMES[main]} at {location.place}")
     about_itself = location.place in context.joints and np.ptp(context.column(f"q_{location.place}")[rows]) > 0.0
-    return _column(context, f"q_{location.place}" if about_itself and not law.constant else "time", rows)
+    return _column(
+        context, f"q_{location.place}" if about_itself and law.depends_on is not DependsOn.NOTHING else "time", rows
+    )
 
 
 def _loads(values: Array, kind: str, label: str) -> tuple[Array, str]:

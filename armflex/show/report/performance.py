@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,36 +18,18 @@ MOST_BARS = 40
 
 def account(performance: PosePerformance) -> SimpleNamespace:
     """Return what the template shows."""
-    arm, measurements, poses, (head, rows) = (
-        performance.arm,
-        performance.measurements,
-        performance.poses,
-        table(performance),
-    )
+    arm, measurements, poses = performance.arm, performance.measurements, performance.poses
+    (head, rows), cycles = table(performance), sum(pose.cycles for pose in poses)
     least = max(poses, key=lambda pose: pose.accuracy.value if pose.accuracy else 0.0)
     loosest = max(poses, key=lambda pose: pose.repeatability.value)
-    modelled = [pose.predicted for pose in poses if pose.predicted is not None]
-    cards = [
-        *([("Pose accuracy AP", _said(least.accuracy), f"worst of {len(poses)}, {least.pose}")] * bool(least.accuracy)),
-        ("Pose repeatability RP", _said(loosest.repeatability), f"worst of {len(poses)}, {loosest.pose}"),
-    ]
-    if modelled:
-        note = "distance of barycentres from where the calibrated model has them, worst"
-        cards.append(("AP with this model", millimetres(max(modelled)), note))
-    for name, several in (("Direction vAP", performance.directions), ("Drift dAP", performance.drifts)):
-        if several:
-            worst = max(several, key=lambda characteristic: characteristic.accuracy)
-            cards.append((name, millimetres(worst.accuracy), f"worst of {len(several)}, {worst.pose}"))
     accuracy, repeated = _said(least.accuracy), millimetres(loosest.repeatability.value)
     drawn = sorted(poses, key=lambda pose: -pose.accuracy.value if pose.accuracy else 0.0)[:MOST_BARS]
     more = f" The {MOST_BARS} least accurate of {len(poses)} are drawn." if len(poses) > MOST_BARS else ""
     return SimpleNamespace(
         title=f"{arm.robot.urdf.name}: pose characteristics after ISO 9283:1998",
         headline=f"Pose accuracy {accuracy}, pose repeatability {repeated}, each of the worst pose.",
-        lead=[
-            text for text in (performance.remarks[0] if "AP" in performance.remarks[0] else "", more.strip()) if text
-        ],
-        cards=tuple(cards),
+        lead=[text for text in (*[text for text in performance.remarks[:1] if "AP" in text], more.strip()) if text],
+        cards=tuple(_cards(performance, least, loosest)),
         head=head,
         poses=rows,
         rotations=tuple(
@@ -69,13 +52,24 @@ def account(performance: PosePerformance) -> SimpleNamespace:
             for characteristic in (*performance.directions, *performance.drifts)
         ),
         remarks=performance.remarks,
-        campaign=(
-            *facts(
-                arm, measurements, f"{sum(pose.cycles for pose in poses)} cycles of {len(measurements)} rows driven"
-            ),
-        ),
+        campaign=(*facts(arm, measurements, f"{cycles} cycles of {len(measurements)} rows driven"),),
         flags=[flag.text for flag in (*arm.flags, *measurements.flags)],
     )
+
+
+def _cards(performance: PosePerformance, least: AttainedPose, loosest: AttainedPose) -> Iterator[tuple[str, str, str]]:
+    """Yield each characteristic at its worst; of the poses the `least` accurate and the `loosest` in repeating."""
+    poses = performance.poses
+    if least.accuracy:
+        yield "Pose accuracy AP", _said(least.accuracy), f"worst of {len(poses)}, {least.pose}"
+    yield "Pose repeatability RP", _said(loosest.repeatability), f"worst of {len(poses)}, {loosest.pose}"
+    if modelled := [pose.predicted for pose in poses if pose.predicted is not None]:
+        note = "distance of barycentres from where the calibrated model has them, worst"
+        yield "AP with this model", millimetres(max(modelled)), note
+    for name, several in (("Direction vAP", performance.directions), ("Drift dAP", performance.drifts)):
+        if several:
+            worst = max(several, key=lambda characteristic: characteristic.accuracy)
+            yield name, millimetres(worst.accuracy), f"worst of {len(several)}, {worst.pose}"
 
 
 def table(performance: PosePerformance) -> tuple[list[str], tuple[tuple[str, ...], ...]]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from armflex.readings import Readings
 from armflex.show.report.accuracy import Accuracy
 from armflex.show.report.words import called, change, joined, measure, millimetres, short, site_words, units_of, words
-from armflex.trace.findings import Found, Trace, Unexplained
+from armflex.trace.findings import Found, Smallest, Trace, Unexplained
 
 MOST_VALUES = 2
 """Values of an effect that the first sentence has room for."""
@@ -62,55 +64,58 @@ def accuracy_sentence(accurate: Accuracy, trace: Trace) -> str:
 
 def further(trace: Trace) -> list[str]:
     """Return what has to be said beside the result: what is not distinguished, what is left, what would have shown."""
+    readings, drawn, rivals = trace.state.fit.view.readings, trace.resampled, trace.predicted.rivals
     said = [f"The search was ended {trace.ended}: more effects may be missing."] if trace.ended else []
-    for identified in trace.named:
-        name = called(identified.effect)
-        others = [
-            other for other in dict.fromkeys(called(effect) for effect, _ in identified.equivalent) if other != name
-        ]
-        if others:
-            shown = [*others[:3], f"{len(others) - 3} more"] if len(others) > 3 else others
-            said.append(
-                f"These data do not distinguish {called(identified.effect, identified.number)} from {joined(shown)}."
-            )
-        elif identified.equivalent:
-            said.append(f"These data do not settle which terms of {words(identified.effect.law.name).title} act.")
+    said += [_alike(identified) for identified in trace.named if identified.equivalent]
     said += [unsettled(effect) for effect in trace.unsettled]
-    for identified in trace.found:
-        if identified.effect.another_day:
-            said.append(
-                f"On another day, of {called(identified.effect, identified.number)}: {identified.effect.another_day}."
-            )
+    for found in trace.found:
+        if when := found.effect.another_day:
+            said.append(f"On another day, of {called(found.effect, found.number)}: {when}.")
     if trace.common:
         said.append(f"In the arm at all drives, with no single place: {joined(trace.common)}.")
-    if (drawn := trace.resampled) is not None and drawn.mismatch > 1.0:
+    if drawn is not None and drawn.mismatch > 1.0:
         said.append(
             f"Held-out {drawn.by} differ {short(drawn.mismatch)} times as much as noise and chance allow: something is "
             f"left that nothing here describes. Probabilities are averages over {len(drawn.times)} resamples of them."
         )
-    if rivals := trace.predicted.rivals:
-        titles = joined(list(dict.fromkeys(one.effect.title for one in rivals)))
+    if rivals:
+        titles = joined(list(dict.fromkeys(rival.effect.title for rival in rivals)))
         said.append(f"Predictions are averages over models, some of which have instead, or beside: {titles}.")
     if trace.undecided is not None:
         said.append(trace.undecided.text)
-    readings = trace.state.fit.view.readings
-    unit = readings.shown_in
     if far := trace.outlier_count("unexplained"):
         said.append(f"{far} readings, far off together, are excluded: no candidate explains them.")
     if trace.unexplained:
         said.append(left(trace.unexplained, readings))
     elif not 0.8 < trace.noise < 1.2:
         said.append(f"The readings scatter {short(trace.noise)} times as much as their stated noise.")
-    if not trace.found and trace.smallest:
-        least = min(trace.smallest, key=lambda size: size.least)
-        best, worst = (float(np.median([getattr(size, name) for size in trace.smallest])) for name in ("least", "most"))
-        said.append(
-            f"The smallest effect that this campaign would have shown: {words(least.effect).title} from "
-            f"{millimetres(least.least, unit=unit)} RMS {readings.where_read}. Half of the {len(trace.smallest)} laws "
-            f"would have shown from {millimetres(best, unit=unit)} where they show best, from "
-            f"{millimetres(worst, unit=unit)} where they show worst."
-        )
-    return said
+    return said if trace.found or not trace.smallest else [*said, _smallest(trace.smallest, readings)]
+
+
+def _alike(identified: Found) -> str:
+    """Return what these data do not distinguish from an effect: other causes, or which of its terms act."""
+    name = called(identified.effect)
+    others = [other for other in dict.fromkeys(called(effect) for effect, _ in identified.equivalent) if other != name]
+    if not others:
+        return f"These data do not settle which terms of {words(identified.effect.law.name).title} act."
+    return f"These data do not distinguish {called(identified.effect, identified.number)} from {_first(others)}."
+
+
+def _first(names: Sequence[str]) -> str:
+    """Return the first three, and how many more there are."""
+    return joined([*names[:3], f"{len(names) - 3} more"] if len(names) > 3 else list(names))
+
+
+def _smallest(sizes: Sequence[Smallest], readings: Readings) -> str:
+    """Return the smallest effect that a campaign without any would have shown."""
+    unit, least = readings.shown_in, min(sizes, key=lambda size: size.least)
+    best, worst = (float(np.median([getattr(size, name) for size in sizes])) for name in ("least", "most"))
+    return (
+        f"The smallest effect that this campaign would have shown: {words(least.effect).title} from "
+        f"{millimetres(least.least, unit=unit)} RMS {readings.where_read}. Half of the {len(sizes)} laws "
+        f"would have shown from {millimetres(best, unit=unit)} where they show best, from "
+        f"{millimetres(worst, unit=unit)} where they show worst."
+    )
 
 
 def left(unexplained: Unexplained, readings: Readings) -> str:
@@ -135,9 +140,8 @@ def unsettled(identified: Found) -> str:
         reverse=True,
     )
     said = [f"{name} ({chance:.0%})" for chance, name in causes]
-    shown = [*said[:3], f"{len(said) - 3} more"] if len(said) > 3 else said
     values = "" if identified.determined else ", of which these rows determine no value by itself"
-    return f"Not settled: {joined(shown)}. The arm has {name}{values}."
+    return f"Not settled: {_first(said)}. The arm has {name}{values}."
 
 
 def sure(identified: Found) -> str:

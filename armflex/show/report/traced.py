@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from types import SimpleNamespace
 
@@ -36,13 +36,12 @@ def account(trace: Trace) -> SimpleNamespace:
     accurate = accuracy(trace)
     placed, view = bool(trace.state.fit.view.readings.of(Position)), trace.state.fit.view
     left_over = view.residual[trace.judged_rows][:, view.foremost]
-    places, used = trace.state.measurements.places, f"{len(trace.rows)} of {len(trace.state.measurements)} rows driven"
+    used = f"{len(trace.rows)} of {len(trace.state.measurements)} rows driven"
     if trace.outliers:
         less = trace.outlier_count("counted less")
         out = len(trace.outliers) - less
-        used += (
-            f"; outliers: {out} excluded from the fit, {less} counted less; the errors on this page are without them"
-        )
+        used += f"; outliers: {out} excluded from the fit, {less} counted less; the errors on this page are "
+        used += "without them"
     left = localise(trace.state.fit, trace.state.context, project(trace.state.fit), trace.state.groups)
     return SimpleNamespace(
         title=f"{trace.arm.robot.urdf.name}: calibration and effects identified",
@@ -76,15 +75,7 @@ def account(trace: Trace) -> SimpleNamespace:
         parameters=_parameters(trace),
         hidden=_hidden(trace),
         detectable=figures.detectable(trace.smallest, accurate.stated, view.readings) if trace.smallest else "",
-        outliers=tuple(
-            (
-                places[outlier.row].short if places else f"row {outlier.row}",
-                trace.state.measurements.pose[outlier.row],
-                millimetres(outlier.error_m, unit=outlier.shown_in),
-                f"{outlier.kind} with {outlier.fellow}" if outlier.fellow else outlier.kind,
-            )
-            for outlier in trace.outliers[:SHOWN]
-        ),
+        outliers=tuple(_outliers(trace)),
         swing=swing(trace.arm, trace.state.measurements, trace.rows),
         flags=[flag.text for flag in (*trace.arm.flags, *trace.state.measurements.flags)],
         next_measurement=trace.next_measurement,
@@ -92,6 +83,15 @@ def account(trace: Trace) -> SimpleNamespace:
         ended=trace.ended,
         version=__version__,
     )
+
+
+def _outliers(trace: Trace) -> Iterator[tuple[str, ...]]:
+    """Yield where the first outliers are, how far off, and what they are."""
+    measurements = trace.state.measurements
+    for outlier in trace.outliers[:SHOWN]:
+        place = measurements.places[outlier.row].short if measurements.places else f"row {outlier.row}"
+        kind = f"{outlier.kind} with {outlier.fellow}" if outlier.fellow else outlier.kind
+        yield place, measurements.pose[outlier.row], millimetres(outlier.error_m, unit=outlier.shown_in), kind
 
 
 def _parameters(trace: Trace) -> SimpleNamespace:

@@ -6,7 +6,7 @@ The picture has a ghost of the rigid arm, the flexed arm, its flexures, payload,
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import date
 from html import escape
@@ -304,20 +304,15 @@ def posable(arm: Arm, shown: Deflection, factor: float, when: str = "") -> dict[
         apart = [np.linalg.inv(rigid[link]) @ other[link] for link in links]
         return np.array([[*pose[:3, 3], *pin.log3(pose[:3, :3])] for pose in apart])
 
-    def asked(q: Array) -> Deflection:
-        case = shown.case
-        columns = dict(case.covariates)
-        return arm.deflection(q, shown.payload, covariates=columns, wrenches=case.wrenches, enforce_limits=False)
-
-    now, sliders = flexed(shown), []
+    now, sliders, case = flexed(shown), [], shown.case
+    asked: dict[str, Any] = {"covariates": dict(case.covariates), "wrenches": case.wrenches, "enforce_limits": False}
     for i, joint in enumerate(robot.moving):
         low, high = np.clip([joint.lower, joint.upper], -SLIDERS, SLIDERS)
         samples, table = np.linspace(min(low, shown.q[i]), max(high, shown.q[i]), SAMPLES), []
         for position in samples:
-            q = shown.q.copy()
-            q[i] = position
+            q = np.where(np.arange(len(shown.q)) == i, position, shown.q)
             try:
-                table.append(flexed(asked(q)))
+                table.append(flexed(arm.deflection(q, shown.payload, **asked)))
             except ArmflexError:
                 table.append(now)
         pose = rigid[joint.child]
@@ -334,13 +329,6 @@ def posable(arm: Arm, shown: Deflection, factor: float, when: str = "") -> dict[
                 "flexed": np.round(table, DIGITS).tolist(),
             }
         )
-    swings: list[dict[str, Any]] = []
-    with contextlib.suppress(ArmflexError):  # nothing that moves has a mass, or nothing gives
-        modes = modes_of(shown.solved, SWINGS, arm.damping_ratio)
-        size = SWUNG * max(robot.reach, 0.1)
-        for frequency, twists in zip(modes.frequencies.tolist(), modes.twists, strict=True):
-            change = (flexed(shown, SMALL * twists) - now) * (size / SMALL)
-            swings.append({"hz": frequency, "flexed": np.round(change, DIGITS).tolist()})
     level = np.eye(4)
     level[:3, :3] = mount
     return {
@@ -352,8 +340,20 @@ def posable(arm: Arm, shown: Deflection, factor: float, when: str = "") -> dict[
         "tip": links.index(robot.tip),
         "magnification": factor,
         "when": when,
-        "swings": swings,
+        "swings": list(_swings(shown, arm, lambda twists: flexed(shown, SMALL * twists) - now)),
     }
+
+
+def _swings(shown: Deflection, arm: Arm, change: Callable[[Array], Array]) -> Iterator[dict[str, Any]]:
+    """Yield the slowest modes, none where nothing that moves has a mass or nothing gives.
+
+    `change` is what `SMALL` times some twists of the flexures makes of the links.
+    """
+    with contextlib.suppress(ArmflexError):
+        modes = modes_of(shown.solved, SWINGS, arm.damping_ratio)
+        size = SWUNG * max(arm.robot.reach, 0.1)
+        for frequency, twists in zip(modes.frequencies.tolist(), modes.twists, strict=True):
+            yield {"hz": frequency, "flexed": np.round(change(twists) * (size / SMALL), DIGITS).tolist()}
 
 
 def _triads(arm: Arm, flexed: Poses) -> Iterator[Node]:

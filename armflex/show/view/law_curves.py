@@ -172,6 +172,13 @@ WIDTH = 16
 """Letters of a model's name below one bar."""
 
 
+def _along(loads: Array, component: int, count: int) -> Array:
+    """Return (count, k) loads from the least to the most of a component, the others at their means."""
+    line = np.tile(loads.mean(axis=0), (count, 1))
+    line[:, component] = np.linspace(loads[:, component].min(), loads[:, component].max(), count)
+    return line
+
+
 def draw_training(result: TrainResult, data: JointData, path: str | Path) -> Path:
     """Write a picture of a trained law: a row of panels for each deflection column, in the file's units.
 
@@ -201,14 +208,10 @@ def draw_training(result: TrainResult, data: JointData, path: str | Path) -> Pat
         upper, lower = parts
         for column, (shown, rest, slopes) in enumerate(upper.subplots(size, 3, squeeze=False)):
             name, unit, factor = TWIST_NAMES[column], data.units[column], data.factors[column]
-            changes = []
-            for axis in range(size):  # the load that changes the column most over the rows
-                ends = np.tile(middle, (2, 1))
-                ends[:, axis] = data.loads[:, axis].min(), data.loads[:, axis].max()
-                changes.append(abs(float(np.diff(predicted(law, ends)[:, column])[0])))
-            component = int(np.argmax(changes))
-            loads = np.tile(middle, (61, 1))
-            loads[:, component] = np.linspace(data.loads[:, component].min(), data.loads[:, component].max(), 61)
+            # The load that changes the column most over the rows.
+            ends = [predicted(law, _along(data.loads, axis, 2))[:, column] for axis in range(size)]
+            component = int(np.argmax(np.abs(np.diff(ends))))
+            loads = _along(data.loads, component, 61)
             x, load = _thousands(loads[:, component], component)
             at, y = _thousands(data.loads[:, component], component)[0], predicted(law, loads)[:, column] / factor
             if uncertain:

@@ -61,6 +61,23 @@ def render_page(scene: Scene) -> str:
         "start": 0.0 if scene.times is None else float(scene.times[0]),
         "speed": scene.speed,
     }
+    here = resources.files("armflex.show.view")
+    licences = ["meshcat viewer", *((here / "meshcat" / name).read_text("utf-8") for name in _LICENCES)]
+    template = Template((here / "overlay.html").read_text(encoding="utf-8"))
+    return template.substitute(
+        title=html_text(scene.title),
+        subtitle=html_text(scene.subtitle),
+        legend=_legend(scene),
+        notes="".join(f"<li>{html_text(note)}</li>" for note in scene.notes),
+        licences=html_script("\n\n".join(licences)),
+        viewer=html_script((here / "meshcat" / "main.min.js").read_text(encoding="utf-8")),
+        facts=html_data(facts),
+        commands=html_data(list(commands(scene, camera))),
+    )
+
+
+def _legend(scene: Scene) -> str:
+    """Return the legend and the table of via-points as HTML."""
     legend = ""
     if scene.legend:
         rows = []
@@ -73,19 +90,7 @@ def render_page(scene: Scene) -> str:
         head, *rows = ("".join(f"<td>{html_text(cell)}</td>" for cell in row) for row in scene.table)
         body = "".join(f"<tr>{row}</tr>" for row in rows)
         legend += f'<h2>{html_text(scene.table_title)}</h2><table class="points"><tr>{head}</tr>{body}</table>'
-    here = resources.files("armflex.show.view")
-    licences = ["meshcat viewer", *((here / "meshcat" / name).read_text("utf-8") for name in _LICENCES)]
-    template = Template((here / "overlay.html").read_text(encoding="utf-8"))
-    return template.substitute(
-        title=html_text(scene.title),
-        subtitle=html_text(scene.subtitle),
-        legend=legend,
-        notes="".join(f"<li>{html_text(note)}</li>" for note in scene.notes),
-        licences=html_script("\n\n".join(licences)),
-        viewer=html_script((here / "meshcat" / "main.min.js").read_text(encoding="utf-8")),
-        facts=html_data(facts),
-        commands=html_data(list(commands(scene, camera))),
-    )
+    return legend
 
 
 def tube_mesh(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:

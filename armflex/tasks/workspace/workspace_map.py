@@ -310,6 +310,8 @@ def _edge(voxel: float | None, reach: float, rows: int) -> float:
 
     Where none is asked for it is 1, 2 or 5 times a power of ten that divides the reach into 25 to 63.
     """
+    if reach == 0.0 and voxel is None:
+        raise InputError("the tip stands on the axes of all joints and never leaves the base's origin: no map of that")
     wanted = reach / 25.0
     power = 10.0 ** np.floor(np.log10(wanted))
     edge = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= wanted) if voxel is None else float(voxel)

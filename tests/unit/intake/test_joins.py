@@ -219,6 +219,30 @@ def test_a_unit_that_a_header_states_is_converted_or_refused(tmp_path: Path, hea
     assert found.columns["q_J1"] == pytest.approx(0.1 * np.pi * np.arange(1, 5))
 
 
+@pytest.mark.parametrize(
+    ("header", "start"),
+    [("J{} [deg]", 0), ("AIPos.A{}", 1), ("Axis {} Position [deg]", 1), ("theta{} [deg]", 1), ("q{} [deg]", 1),
+     ("joint{}_angle [deg]", 1), ("Joint {} [deg]", 7)],
+)  # fmt: skip
+def test_joints_as_controllers_number_them(tmp_path: Path, header: str, start: int) -> None:
+    """From 0 or from 1, or those of a second arm; beside them what was commanded and what is no position."""
+    names = [header.format(i) for i in range(start, start + 5)]
+    rows = "".join(f"P{i},{i},-90,0,10,20,{i}\n" for i in range(1, 5))
+    (tmp_path / "log.csv").write_text(f"Pose,{','.join(names)},q_d[0] [A]\n{rows}")
+    points = export(tmp_path / "export.csv", ["P1", "P2", "P3", "P4"], range(1, 5))
+    columns = intake([tmp_path / "log.csv", points], 5e-5).columns
+    joints = [name for name in columns if name.startswith("q_")]
+    assert len(joints) == 5
+    assert columns[joints[0]] == pytest.approx(np.radians(np.arange(1, 5)))
+
+
+def test_four_numbered_columns_beside_a_place_are_no_joints(tmp_path: Path) -> None:
+    cells = [",0.7,0.1,0.2,0.1"] * 4  # a quaternion that is not of length 1
+    points = export(tmp_path / "export.csv", ["P1", "P2", "P3", "P4"], range(1, 5), ",q1,q2,q3,q4", cells)
+    found = intake([log(tmp_path / "log.csv", ["P1", "P2", "P3", "P4"]), points], 5e-5)
+    assert [name for name in found.columns if name.startswith("q_")] == ["q_J1", "q_J2"]
+
+
 def test_another_quantity_of_a_joint_is_no_position(tmp_path: Path) -> None:
     text = "Pose,J1 [deg],J1 [Nm],J1 [A],J1 [°/s]\n" + "".join(f"P{i},{i},3.5,{i},0\n" for i in range(1, 5))
     (tmp_path / "log.csv").write_text(text)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.recordings import NAMES, POSES, SEEN, TT, TURNED, Q, T, bag, c3d, log, motive, tip
+from support.recordings import NAMES, POSES, SEEN, TT, TURNED, XYZ, Q, T, bag, c3d, log, motive, tip
 
 from armflex.errors import InputError, TableError
 from armflex.intake import intake
@@ -41,6 +41,54 @@ def test_a_lost_target_is_in_no_mean(tmp_path: Path, empty: str) -> None:
     found = intake([log(tmp_path), export(tmp_path, rows)], 5e-5)
     fits(found)
     assert any("have no reading" in note for note in found.notes) == (empty != ",,,")
+
+
+@pytest.mark.parametrize(
+    ("header", "gone", "there"),
+    [("Valid", "0", "1"), ("is_tracked", "no", "yes"), ("tracking_state", "0", "2"), ("confidence", "0.0", "0.97"),
+     ("NumMarkers", "0", "4"), ("occluded", "1", "0"), ("Lost", "True", "False"), ("status", "out of view", "ok"),
+     ("flags", "invalid", "")],
+)  # fmt: skip
+def test_a_column_that_says_lost_is_believed(tmp_path: Path, header: str, gone: str, there: str) -> None:
+    places = [MM[0] + 500.0 if i % 7 == 0 else place for i, place in enumerate(MM)]
+    rows = [f"{t:.3f},{x:.4f},{y:.4f},{z:.4f},{gone if i % 7 == 0 else there}"
+            for i, (t, (x, y, z)) in enumerate(zip(TT, places, strict=True))]  # fmt: skip
+    fits(intake([log(tmp_path), export(tmp_path, rows, f"time,x_mm,y_mm,z_mm,{header}")], 5e-5))
+
+
+def test_a_place_that_is_held_is_no_reading(tmp_path: Path) -> None:
+    """An instrument repeats its last place where it reads none; one without noise does not hold it."""
+    places = MM.copy()
+    for i in range(1, len(MM)):
+        if i % 100 < 40:
+            places[i] = places[i - 1]
+    rows = [f"{t:.3f},{x:.4f},{y:.4f},{z:.4f}" for t, (x, y, z) in zip(TT, places, strict=True)]
+    found = intake([log(tmp_path), export(tmp_path, rows)], 5e-5)
+    fits(found)
+    assert any("is exactly where it was before" in note for note in found.notes)
+    rows = [f"{t:.3f},{x:.2f},{y:.2f},{z:.2f}" for t, (x, y, z) in zip(TT, 1e3 * XYZ, strict=True)]
+    found = intake([log(tmp_path), export(tmp_path, rows)], 5e-5)
+    fits(found)
+    assert not any("where it was before" in note for note in found.notes)
+    rows[300:700] = [f"{t:.3f},0,0,0" for t in TT[300:700]]
+    found = intake([log(tmp_path), export(tmp_path, rows)], 5e-5)
+    assert 0 < list(found.columns["x"]).count("") < 4
+
+
+def test_rows_of_several_targets_are_of_each(tmp_path: Path) -> None:
+    rows = [f"{t:.3f},{name},{x + off:.4f},{y:.4f},{z:.4f}" for t, (x, y, z) in zip(TT, MM, strict=True)
+            for name, off in (("m1", 0.0), ("m2", 30.0))]  # fmt: skip
+    paths = [log(tmp_path), export(tmp_path, rows, "time,marker,x_mm,y_mm,z_mm")]
+    with pytest.raises(InputError, match="several could be the target: m1, m2: --target 'm1'"):
+        intake(paths, 5e-5)
+    fits(intake(paths, 5e-5, targets=["m1"]))
+
+
+def test_a_first_row_with_a_text_is_no_header(tmp_path: Path) -> None:
+    rows = [f"{t:.3f},{x:.4f},{y:.4f},{z:.4f}" for t, (x, y, z) in zip(TT, MM, strict=True)]
+    rows[0] = "0.000,OOV,OOV,OOV"
+    with pytest.raises(InputError, match=r"export.csv:2: 'x_mm' is 'OOV', expected a number"):
+        intake([log(tmp_path), export(tmp_path, rows)], 5e-5)
 
 
 def test_places_that_are_round_are_not_lost() -> None:
@@ -142,6 +190,15 @@ def qualisys(folder: Path, header: bool) -> Path:
     return folder / "export.tsv"
 
 
+def trc(folder: Path) -> Path:
+    lines = ["PathFileType\t4\t(X/Y/Z)\tx.trc", "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits",
+             f"100\t100\t{len(MM)}\t1\tmm", "Frame#\tTime\tball\t\t", "\t\tX1\tY1\tZ1", ""]  # fmt: skip
+    lines += [f"{i + 1}\t{t:.5f}\t" + ("\t".join(f"{one:.3f}" for one in at) if i % 9 else "\t\t")
+              for i, (t, at) in enumerate(zip(TT, MM, strict=True))]  # fmt: skip
+    (folder / "export.trc").write_text("\n".join(lines) + "\n")
+    return folder / "export.trc"
+
+
 def ndi(folder: Path) -> Path:
     lines = ["Tools,Port 0x01: ball,Frame,Time [sec],Face,State,Q0,Qx,Qy,Qz,Tx,Ty,Tz,Error,Markers,State,Tx,Ty,Tz"]
     for i, (at, turn) in enumerate(zip(MM, TURNED.as_quat(), strict=True)):
@@ -160,7 +217,7 @@ def columns(folder: Path) -> Path:
 @pytest.mark.parametrize(
     ("write", "targets"),
     [(vicon, ()), (lambda folder: qualisys(folder, True), ()), (lambda folder: qualisys(folder, False), ()), (ndi, ()),
-     (columns, ("m1",))],
+     (trc, ()), (columns, ("m1",))],
 )  # fmt: skip
 def test_exports_of_motion_captures(tmp_path: Path, write: Callable, targets: tuple[str, ...]) -> None:
     fits(intake([log(tmp_path), write(tmp_path)], 5e-5, targets=targets))
@@ -174,14 +231,26 @@ def test_frames_without_a_clock_are_refused(tmp_path: Path) -> None:
 
 
 def recorded(
-    folder: Path, joints: Iterable[tuple[str, float, Sequence[str], Sequence[float]]], cut: float = 1.0
+    folder: Path,
+    joints: Iterable[tuple[str, float, Sequence[str], Sequence[float]]],
+    cut: float = 1.0,
+    stamps: Sequence[float] = (),
+    frames: Sequence[str] = (),
 ) -> Path:
-    """An MCAP file of joint states (topic, time, names, positions) and of the target."""
+    """An MCAP file of joint states (topic, time, names, positions) and of the target, in one frame after another.
+
+    Joints have `stamps` in their headers where they are given.
+    """
     from mcap.writer import CompressionType, Writer
 
     messages = [(t, topic, {"name": list(names), "position": list(q)}) for topic, t, names, q in joints]
-    messages += [(t, "/prism", {"position": dict(zip("xyz", at.tolist(), strict=True))})
-                 for t, at in zip(TT, SEEN, strict=True)]  # fmt: skip
+    for (_, _, content), stamp in zip(messages, stamps, strict=False):
+        content["header"] = {"stamp": {"sec": int(stamp), "nanosec": int(1e9 * (stamp % 1))}}
+    for i, (t, at) in enumerate(zip(TT, SEEN, strict=True)):
+        content: dict = {"position": dict(zip("xyz", at.tolist(), strict=True))}
+        if frames:
+            content = {"pose": content, "header": {"frame_id": frames[len(frames) * i // len(TT)]}}
+        messages.append((t, "/prism", content))
     path = folder / "one.mcap"
     with path.open("wb") as file:
         writer = Writer(file, chunk_size=1 << 16, compression=CompressionType.ZSTD)
@@ -189,7 +258,8 @@ def recorded(
         channels = dict[str, int]()
         for t, topic, content in sorted(messages, key=lambda one: one[0]):
             if topic not in channels:
-                kind = "sensor_msgs/" + ("Pose" if topic == "/prism" else "JointState")
+                place = "PoseStamped" if frames else "Pose"
+                kind = "sensor_msgs/" + (place if topic == "/prism" else "JointState")
                 channels[topic] = writer.register_channel(
                     topic, "json", writer.register_schema(kind, "jsonschema", b"{}")
                 )
@@ -218,6 +288,49 @@ def test_joints_of_a_bag_are_joined_by_name(tmp_path: Path, joints: list) -> Non
     found = intake([recorded(tmp_path, joints)], 5e-5)
     q = np.array([found.columns[f"q_{name}"] for name in NAMES]).T
     assert np.allclose(q, POSES, atol=1e-6)
+
+
+def test_stamps_that_go_back_are_of_no_clock(tmp_path: Path) -> None:
+    """A simulated time that began anew, at a billion seconds from the other: receipt counts."""
+    stamps = [t + 1.7e9 if t < T[-1] / 2 else t for t in T.tolist()]
+    found = intake([recorded(tmp_path, ARM, stamps=stamps)], 5e-5)
+    fits(found)
+    assert any("their receipt counts" in note for note in found.notes)
+
+
+def test_joints_that_jump_by_a_turn_are_on_their_branch(tmp_path: Path) -> None:
+    """One stands where its count begins anew, and noise takes it from one end to the other."""
+    noisy = Q + np.random.default_rng(4).normal(0.0, 1e-4, Q.shape)
+    turned = np.mod(noisy - POSES[4] + 2.0 * np.pi, 2.0 * np.pi) - np.pi  # pose 4 at the end of the range
+    arm = [("/joint_states", t, list(NAMES), q) for t, q in zip(T.tolist(), turned.tolist(), strict=True)]
+    for path in (recorded(tmp_path, arm), log(tmp_path, q=turned)):
+        columns = intake([path], 5e-5).columns
+        q = np.array([columns[f"q_{name}"] for name in NAMES]).T
+        left = np.mod(q - (POSES - POSES[4] + np.pi) + np.pi, 2.0 * np.pi) - np.pi
+        assert np.abs(left).max() < 1e-4
+        assert np.abs(q).max() < np.pi + 1e-3
+
+
+def test_noughts_before_a_driver_knows_its_joints_are_left_out(tmp_path: Path) -> None:
+    q = np.where(T[:, None] < 0.4, 0.0, Q)
+    found = intake([log(tmp_path, q=q), motive(tmp_path)], 5e-5)
+    fits(found)
+    assert any("have all joints at 0, and jump" in note for note in found.notes)
+    mixed = np.where((np.arange(len(T)) % 10 == 3)[:, None], 0.7, Q)
+    with pytest.raises(TableError, match=r"joints.csv:\d+: .*: two programs wrote it"):
+        intake([log(tmp_path, q=mixed), motive(tmp_path)], 5e-5)
+
+
+def test_a_target_in_two_frames_is_two(tmp_path: Path) -> None:
+    path = recorded(tmp_path, ARM, frames=("tracker", "room"))
+    with pytest.raises(InputError, match="several could be the target: /prism in tracker, /prism in room"):
+        intake([path], 5e-5)
+
+
+def test_places_that_no_arm_reaches_are_in_another_unit(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"'x \[m\]' in m moves over .* m, and no arm does: is it in mm"):
+        intake([log(tmp_path), export(tmp_path, [f"{t},{x},{y},{z}" for t, (x, y, z) in zip(TT, MM, strict=True)],
+                                      "time,x [m],y [m],z [m]")], 5e-5)  # fmt: skip
 
 
 @pytest.mark.parametrize("step", [0.008, 0.1])

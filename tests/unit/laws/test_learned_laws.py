@@ -119,9 +119,9 @@ def test_fading_takes_a_quarter_of_the_compliance_at_most(seed, size, name):
     out = np.random.default_rng(seed).normal(size=(300, 6)) @ np.diag(SIZE)
     out /= law.seen.outreach(law.seen.mean + out)[:, None]
     far = law.seen.mean + out * np.geomspace(0.8, 1.2 * law.seen.faded, 300)[:, None]
-    for load in far:
-        kept, fading = (least(root, one.tangent(load, ROW.some(0))[None]) for one in (ending(law, faded=np.inf), law))
-        assert fading > min(1.0, kept) - 0.25 - 1e-9
+    row = ROW.some(np.zeros(len(far), int))
+    for whole, faded in zip(ending(law, faded=np.inf).tangent(far, row), law.tangent(far, row), strict=True):
+        assert least(root, faded[None]) > min(1.0, least(root, whole[None])) - 0.25 - 1e-9
 
 
 @pytest.mark.slow

@@ -347,7 +347,7 @@ class TestTorch:
         make = lambda: torch.nn.Sequential(torch.nn.Linear(3, 4), torch.nn.ReLU(), torch.nn.Linear(4, 3))  # noqa: E731
         state = torch.random.get_rng_state()
         first, again, other = (
-            train(DATA, "torch", options=Options(starts=1, seed=seed, module=make)).trained.law for seed in (0, 0, 1)
+            fit_torch.fit_torch(DATA.loads, DATA.deflections, make, 1, seed).law for seed in (0, 0, 1)
         )
         assert torch.equal(torch.random.get_rng_state(), state)  # the user's own draws go on as they would have
         assert digest(first) == digest(again) != digest(other)

@@ -63,6 +63,8 @@ def test_a_name_may_have_another_separator_in_it(tmp_path: Path, name: str) -> N
     ("content", "match"),
     [
         (TEXT.encode() + b"\xff", "rows.csv: is UTF-8 text in part only"),
+        (b"\x1f\x8b\x08\x00" + b"1,2\n" * 20, "rows.csv: is packed with gzip"),
+        (b"PK\x03\x04" + b"1,2\n" * 20, "rows.csv: is a ZIP archive or a workbook"),
         (TEXT.encode("utf-16-le"), r"rows.csv:1: holds the character \\x00"),
         (b"\xff\xfe" + TEXT.encode("utf-16-le")[:-1], "rows.csv: is not UTF-8 text, nor UTF-16 or Windows-1252"),
         (TEXT.encode("cp1252") + b"\x81", "rows.csv: is not UTF-8 text, nor UTF-16 or Windows-1252"),

@@ -327,11 +327,11 @@ def test_each_draw_is_the_arm_with_those_laws():
 @pytest.mark.slow
 def test_draws_spread_as_the_covariance_says():
     arm, q = bundled("tarm_like"), positions(bundled("tarm_like"), 1)[0]
-    found = ensemble(arm, q, "p600", draws=4000)
-    assert found.shape == (4000, 6)
-    # Draws of a variance: its relative error is the root of 2/4000, at 4 of them, and what is not linear in 20 %.
+    found = ensemble(arm, q, "p600", draws=1000)
+    assert found.shape == (1000, 6)
+    # Draws of a variance: its relative error is the root of 2/1000, at 4 of them, and what is not linear in 20 %.
     expected = np.sqrt(np.diag(arm.deflection(q, "p600").covariance))
-    np.testing.assert_allclose(found.std(axis=0), expected, rtol=0.5 * 4.0 * np.sqrt(2 / 4000) + 0.03)
+    np.testing.assert_allclose(found.std(axis=0), expected, rtol=0.5 * 4.0 * np.sqrt(2 / 1000) + 0.03)
 
 
 def test_the_same_seed_draws_the_same_laws_anywhere():

@@ -7,10 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from scipy.linalg import block_diag
-from support.arms import bundled, corrected, crooked, networks, positions
+from support.arms import bundled, corrected, crooked, positions
 from support.every_law import KNOWN, effects, laws_of
 from support.small_arms import random_compliance, standing, three_joints
 
@@ -97,24 +95,6 @@ def test_curved_laws_and_pulls(tmp_path, kind):
     )
     found = respond(arm, q, ["none"] * 9, KNOWN)
     assert_like_pinocchio(arm, q, ["none"] * 9, found, KNOWN, 1e-6)
-
-
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(
-    seed=st.integers(0, 10**6),
-    softness=st.floats(0.1, 20.0),
-    mass=st.floats(0.0, 100.0),
-    kind=st.sampled_from(["linear", "position dependent", "network"]),
-)
-def test_random_arms(tmp_path_factory, seed, softness, mass, kind):
-    folder, laws = tmp_path_factory.mktemp("arm"), [LinearLaw(random_compliance(seed + i, softness)) for i in range(3)]
-    if kind == "position dependent":
-        laws[1:] = laws_of("position dependent")[1:]
-    arm = networks(folder) if kind == "network" else three_joints(folder, laws)
-    q, body = positions(arm, 2, seed), Payload(mass, [0.2, 0.1, -0.1])
-    if any(np.abs(arm.deflection(row, body, allow_large=True).twists[:, 3:]).max() > 0.05 for row in q):
-        return
-    assert_like_pinocchio(arm, q, [body] * 2, respond(arm, q, [body] * 2))
 
 
 def test_a_row_that_is_soft_but_stays(tmp_path):

@@ -24,7 +24,7 @@ from armflex.errors import UnknownNameError, UnsupportedError
 from armflex.estimate import Calibration, calibrate
 from armflex.files.effect_file import locations_on
 from armflex.laws.effects.catalogue import CATALOGUE
-from armflex.laws.effects.effect import Effect
+from armflex.laws.effects.effect import Afterwards, Effect
 from armflex.laws.learned import Learning
 from armflex.linear_gaussian import LinearGaussian
 from armflex.plan.design import DsOptimal, Goal, IOptimal, TOptimal, Truth, exchanged, greedy, instead, path, shows
@@ -327,7 +327,10 @@ def test_backlash_and_friction_are_told_only_where_the_load_differs(six: Arm, to
 
 def every_place(arm: Arm) -> list[Effect]:
     locations = [
-        (law, location) for law in CATALOGUE.values() if not law.of_session for location in locations_on(law, arm)
+        (law, location)
+        for law in CATALOGUE.values()
+        if law.afterwards is not Afterwards.OVER
+        for location in locations_on(law, arm)
     ]
     return [Effect(law, location, (0.0,) * (len(law.amplitudes) + len(law.inner))) for law, location in locations]
 

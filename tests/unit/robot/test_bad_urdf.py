@@ -238,6 +238,12 @@ EDITS: dict[str, tuple[str, str, tuple[str, ...], str]] = {
     "row16-comma-decimals": (ELBOW_ORIGIN, '<origin xyz="1,0 0,0 0,0"/>', ("'1,0'",), "1,0 0,0"),
     "row16-comma-separated": (ELBOW_ORIGIN, '<origin xyz="1.0, 0, 0"/>', ("'1.0,'",), "1.0, 0"),
     "row16-two-numbers": (ELBOW_ORIGIN, '<origin xyz="1.0 0"/>', ("expected 3 numbers, got 2",), '"1.0 0"'),
+    "row16-turned-otherwise": (
+        ELBOW_ORIGIN,
+        '<origin xyz="1.0 0 0" quat_xyzw="0 0.7071068 0 0.7071068"/>',
+        ("needs 'rpy'; 'quat_xyzw' is not known",),
+        "quat_xyzw",
+    ),
     "row16-four-numbers": (ELBOW_ORIGIN, '<origin rpy="1 0 0 0"/>', ("expected 3 numbers, got 4",), "1 0 0 0"),
     "row16-unit": (ELBOW_ORIGIN, '<origin xyz="1.0m 0 0"/>', ("'1.0m'",), "1.0m"),
     "row17-mimic-of-a-ghost": (

@@ -256,12 +256,14 @@ def test_hard_positions_against_another_solver(tarm: Arm, study: list[Trajectory
 
 def linear(jacobian: np.ndarray, wanted: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[Trial, bool, int]:
     """Return what the solver makes of an arm whose tip moves in proportion to its joints."""
-
-    def ask(change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return np.concatenate([jacobian @ change - wanted, np.zeros(3)]), jacobian
-
-    corrector = Corrector(ask, low, high, np.ones(len(low)))
-    return (*corrector.find(np.zeros(len(low))), corrector.calls)
+    corrector = Corrector(low, high, np.ones(len(low)))
+    search = corrector.find(np.zeros(len(low)))
+    change = next(search)
+    while True:
+        try:
+            change = search.send(Trial(change, np.concatenate([jacobian @ change - wanted, np.zeros(3)]), jacobian))
+        except StopIteration as found:
+            return (*found.value, corrector.calls)
 
 
 def least(jacobian: np.ndarray, wanted: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
