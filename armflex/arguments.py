@@ -109,10 +109,14 @@ def _is(value: Any, wanted: ast.expr) -> bool:
         return any(_is(value, part) for part in parts)
     if not _is_a(value, name) or (isinstance(value, str) and name not in ANYTHING):
         return False
-    if name in ("Callable", "Iterable", *ANYTHING):
-        return True  # what can be gone through once is not gone through here
+    # What can be gone through once is not gone through here.
+    return name in ("Callable", "Iterable", *ANYTHING) or _holds(value, name, parts)
+
+
+def _holds(value: Any, name: str, parts: list[ast.expr]) -> bool:
+    """Return whether what is in a value is what the parts of an annotation say."""
     if isinstance(value, np.ndarray):
-        return value.ndim == 1 and _is(value.tolist(), wanted)
+        return value.ndim == 1 and _holds(value.tolist(), name, parts)
     if isinstance(value, Mapping):
         return all(_is(key, parts[0]) and _is(item, parts[-1]) for key, item in value.items())
     if isinstance(value, Sequence):

@@ -215,9 +215,6 @@ def check_reading(kind: type[Kind], example: str) -> None:
         """Return the mounting turned by a rotation vector [rad]."""
         return pin.log3(pin.exp3(x) @ pin.exp3(instrument.mounting))
 
-    def with_deviation(x: Array) -> Postures:
-        return replace(at, sensors={name: replace(at.sensors[name], found={"": x})})
-
     seen, count = readings.jacobian(at), len(sensors[name].declared)
     cases = {
         "by_frame": (readings.by_frame(at), by_instrument(lambda x: {"sessions": {"s": x}}), 6),
@@ -225,7 +222,11 @@ def check_reading(kind: type[Kind], example: str) -> None:
         "by_mounting": (readings.by_mounting(at), by_instrument(lambda x: {"mounting": turned(x)}), 3),
         "by_scale": (readings.by_scale(at)[:, :, None], by_instrument(lambda x: {"scale": instrument.scale + x[0]}), 1),
         "by_gravity": (readings.by_gravity(at), lambda x: replace(at, gravity=at.gravity + x), 3),
-        "by_own": (readings.by_own(at), with_deviation, count),
+        "by_own": (
+            readings.by_own(at),
+            lambda x: replace(at, sensors={name: replace(at.sensors[name], found={"": x})}),
+            count,
+        ),
     }
     if kind.by_motion:
         none = np.zeros((*readings.values.shape, 6))

@@ -23,7 +23,6 @@ from armflex.laws.effects.context import Context
 from armflex.laws.law import anywhere
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.loaded import Payload
-from armflex.mechanics.mechanism import Mechanism
 from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.parameters import (
     CARRIED,
@@ -249,7 +248,7 @@ def geometry_block(setup: Setup, std: float = 0.0) -> Block:
 def _check_held(setup: Setup, q: Array) -> None:
     """Raise `UnsupportedError` where a loop is held in a way that nothing gives: a frame out of true would jam it."""
     loaded = setup.arm.loaded(None)
-    if not isinstance(loaded.mechanics, Mechanism):
+    if not setup.arm.robot.linkage:
         return
     idle = loaded.mechanics.idle(LoadCase(q), loaded.row(q, {}))
     if idle.shape[1]:

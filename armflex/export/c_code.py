@@ -32,7 +32,7 @@ from armflex.mechanics.engine import build
 from armflex.mechanics.engine.binding import Engine
 from armflex.mechanics.engine.tables import Factors, Laws, Tree
 from armflex.mechanics.laws import LawStack
-from armflex.mechanics.loop_rows import closings, trees
+from armflex.mechanics.loop_rows import trees
 from armflex.rows.rows import HOLD, TIME
 
 HERE = Path(__file__).parent
@@ -177,7 +177,7 @@ def _loops(arm: Arm, payloads: tuple[str, ...], name: str) -> _Parts:
     factors = _factors(arm)
     each, numbers = [trees(one)[:2] for one in loaded], arm.stack.numbers
     true, nominal = each[0]
-    first, given = closings(loaded[0])[0], not arm.robot.linkage
+    first, given = loaded[0].mechanics.true, not arm.robot.linkage
     start, home, settled = (np.zeros(0), arm.robot.home.copy(), np.zeros(0)) if given else first.beginning()
     room = _room(true, numbers.compliance[0], factors.varies) + 1
     p, m, n = true.passive, len(true.rows), len(true.flexures)

@@ -82,34 +82,6 @@ class StabilityBound:
     def _bounded(self) -> bool:
         return all(bound is not None for own in self.parts for _, bound in own)
 
-    @cached_property
-    def _most(self) -> float:
-        """What of the bound is used at most, of any flexure."""
-        return self._share(self.change[None])[0]
-
-    @cached_property
-    def _most_per_load(self) -> dict[tuple[str, bool], list[float]]:
-        return {}
-
-    def _share(self, changes: Array) -> list[float]:
-        shares = (self.compliance_bound @ changes[..., None])[..., 0] / self.reference
-        return shares.max(axis=(1, 2), initial=0.0).tolist()
-
-    def proven_under(self, loads: Sequence[Load]) -> bool:
-        """Return whether nothing need be asked under further loads either; a sum of the greatest, quick to compute."""
-        if not self._bounded:
-            return False
-        share, known = self._most, self._most_per_load
-        for load in loads:
-            if not (load.dead or load.follows):
-                return False
-            here = load.frame, load.follows
-            if here not in known:
-                known[here] = self._share(self.per_load(*here))
-            (per_force, per_moment), (force, moment) = known[here], load.sizes
-            share += force * per_force + moment * per_moment
-        return share <= SHARE
-
     def with_laws(self, stack: LawStack) -> StabilityBound:
         """Return the bound for the same arm with other laws."""
         return StabilityBound(self.change, self.reference, *_steepest(stack, self.ranges), self.per_load, self.ranges)

@@ -1,7 +1,7 @@
 """What an arm does at one configuration or at many: where it rests, and all that follows from it.
 
-Of one row Pinocchio says everything. Many rows are compiled where the arm stands still, else asked one by one; what
-arrays have no quick way for is asked of a batch's `row`.
+The engine says where an arm that stands still rests; where it moves Pinocchio does, which also says all that follows of
+one row. What arrays have no quick way for is asked of a batch's `row`.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ from armflex.mechanics.many_rows import (
     rotations,
     tips_of,
 )
-from armflex.mechanics.mechanism import Linear, Mechanism
-from armflex.mechanics.pinocchio_model import LoadCase, Mechanics
+from armflex.mechanics.mechanism import Linear, Mechanism, Rest
+from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.parallel import in_order, in_pieces
 from armflex.result import Result
 from armflex.robot.urdf import drive_of
@@ -223,10 +223,9 @@ class Deflection(_Result[float]):
     @cached_property
     def displacement(self) -> Array:
         """(6,) flexed minus rigid: shift of the tip origin [m] and rotation vector [rad], base axes."""
-        solved, mechanics = self.solved, self._mechanics
-        found = solved.displacement
+        found = self.solved.displacement
         if found is None:
-            found = mechanics.displacement(mechanics.flexed(solved.rigid, solved.motion), solved.case.q)
+            found = self._mechanics.displacement(self._configuration, self.q)
         found.flags.writeable = False
         return found
 
@@ -243,17 +242,32 @@ class Deflection(_Result[float]):
     @cached_property
     def flags(self) -> tuple[Flag, ...]:
         """Flags about this result."""
-        return (*self.asked_flags, *self.solved.loaded.sag_flags(self.displacement), *self.unseen)
+        loaded, robot = self.solved.loaded, self.arm.robot
+        flags = (*self.asked_flags, *loaded.sag_flags(self.displacement), *self.unseen)
+        return (*flags, *self._flags_of_loops()) if robot.linkage else flags
+
+    def _flags_of_loops(self) -> Iterator[Flag]:
+        """Yield flags about passive joints beyond their limits, and loads in loops that nothing determines."""
+        for joint in self.arm.robot.jointed:
+            at = self.passive.get(joint.name, joint.lower)
+            if not joint.lower - SLACK <= at <= joint.upper + SLACK:
+                text = f"joint {joint.name!r} has no drive and stands at {at:.6g}"
+                yield Flag("passive_limits", f"{text}, outside its limits [{joint.lower:g}, {joint.upper:g}]")
+        idle = self._mechanics.idle(self.case, self._row)
+        if idle.shape[1]:
+            name, _ = self._mechanics.tied.apart(int(np.abs(idle).max(axis=1).argmax()))
+            text = f"nothing determines loads in loop {name!r} across its plane: they are left out, and move nothing"
+            yield Flag("undetermined_loads", text)
 
     @cached_property
     def wrenches(self) -> Array:
         """(n_flexures, 6) loads on the flexures, local axes [N, Nm]."""
-        return -self._at_rest[1][self._mechanics.flex.flexure_v].reshape(-1, 6)
+        return -self.solved.torque[self._mechanics.flex.flexure_v].reshape(-1, 6)
 
     @cached_property
     def twists(self) -> Array:
         """(n_flexures, 6) local deflections [m, rad]."""
-        return self._at_rest[0][self._mechanics.flex.flexure_v].reshape(-1, 6)
+        return self.solved.motion[self._mechanics.flex.flexure_v].reshape(-1, 6)
 
     @property
     def method(self) -> str:
@@ -262,19 +276,23 @@ class Deflection(_Result[float]):
 
     @property
     def residuals(self) -> tuple[float, ...]:
-        """Length of the equilibrium's residual before each step [m or rad]; empty for first order."""
-        return tuple(float(size) ** 0.5 for size in self.solved.history)
+        """Largest residual of the equilibrium before each step of Newton's method [m or rad]; the engine has none."""
+        return tuple(self.solved.history)
 
     @cached_property
     def joint_loads(self) -> Array:
-        """(nq, 6) wrench on the structure at every joint, in the joint's child frame [N, Nm]."""
-        return self._mechanics.joint_loads(self._configuration, self.solved.case)
+        """(nq, 6) wrench on the structure at every joint, in its child frame [N, Nm]; of a cylinder tension along x."""
+        return self._mechanics.joint_loads(self._configuration, self.case, self.solved.torque)
 
     @property
     def drive_loads(self) -> Array:
-        """(nq,) load on every drive about or along its joint's axis [Nm or N]."""
-        pairs = zip(self.arm.robot.moving, self.joint_loads, strict=True)
-        return np.array([drive_of(joint) @ load for joint, load in pairs])
+        """(nq,) load on every drive about or along its joint's axis [Nm or N]; of a cylinder its tension.
+
+        What follows a drive by a gear loads it, too.
+        """
+        linkage, tensions = self.arm.robot.linkage, self._forces[len(self.arm.robot.linkage.loops) :, 0]
+        torque = self._mechanics.held(self._configuration, self.case, self.solved.torque)
+        return np.append(-torque[self._mechanics.flex.v_index], tensions[: len(linkage.cylinders)])
 
     @property
     def overload(self) -> tuple[Flag, ...]:
@@ -285,55 +303,69 @@ class Deflection(_Result[float]):
 
     @property
     def passive(self) -> dict[str, float]:
-        """Positions [rad or m] of the joints without a drive, by name."""
-        return {}
+        """Positions [rad or m] of the joints without a drive, by name; those that follow others are among them."""
+        places = self._mechanics.flex.free_q
+        return dict(zip(self.arm.robot.linkage.free, self._configuration[places].tolist(), strict=True))
 
     @property
     def loop_loads(self) -> dict[str, Array]:
         """(6,) what `to` exerts on `link` at the pin of every loop, in axes of `link` [N, Nm], by the loop's name."""
-        return {}
+        return {loop.name: self._forces[k] for k, loop in enumerate(self.arm.robot.linkage.loops)}
 
     @property
     def cylinder_states(self) -> dict[str, Array]:
         """(2,) length between the pins [m] and tension [N] of every cylinder, by name."""
-        return {}
+        linkage, lengths = self.arm.robot.linkage, self._mechanics.lengths(self._configuration)
+        tensions = self._forces[len(linkage.loops) :, 0]
+        pairs = zip(linkage.cylinders, lengths, tensions, strict=False)
+        return {one.name: np.array([length, tension]) for one, length, tension in pairs}
 
     @cached_property
     def spring_states(self) -> Array:
         """(n_springs, 2) length [m] and tension [N] of every spring, in the order of `Arm.springs`."""
         return self._mechanics.spring_states(self._configuration)
 
-    @cached_property
+    @property
     def tangent(self) -> Array:
-        """(6 n, 6 n) tangent `I + C dτ/dtwist` at the solution, in units of the twists."""
-        motion, torque = self._at_rest
-        known = self.solved.tangent
-        return tangent_of(self.solved._replace(motion=motion, torque=torque)) if known is None else known
+        """(6 n, 6 n) tangent `I + C dτ/dtwist` at the solution, in units of the twists.
+
+        Raises:
+            UnsupportedError: The flexures of an arm with loops are not free of each other.
+        """
+        if self.arm.robot.linkage:
+            raise UnsupportedError("an arm with loops has no tangent of its flexures alone: ask for load_factor")
+        return self._tangent
 
     @cached_property
     def load_factor(self) -> float:
         """How many times as large its loads could be until the arm buckles; see `armflex.mechanics.equilibrium`."""
-        return load_factor(self.tangent)
+        return load_factor(self._tangent)
 
     @cached_property
     def flexure_jacobian(self) -> Array:
-        """(6, 6 n) change of the tip (origin, rotation; base axes) [m, rad] per change of the flexures' twists."""
-        body = self._mechanics.tip_jacobian(self._configuration)[:, self._mechanics.flex.flexure_v]
-        return body @ self._mechanics.exponential_jacobian(self.solved.rigid, self._at_rest[0])
+        """(6, 6 n) change of the tip (origin, rotation; base axes) [m, rad] per change of the flexures' twists.
+
+        Loops stay closed, by the joints without a drive as far as they can.
+        """
+        linear, flex = self._linear, self._mechanics.flex
+        tree = flex.flexure_v < self._mechanics.model.nv
+        found = np.empty((6, len(tree)))
+        found[:, tree] = self._held[:, flex.flexure_v[tree]] @ linear.bodily
+        found[:, ~tree] = self._by_gap @ linear.rows[:, flex.flexure_v[~tree] - self._mechanics.model.nv]
+        return found
 
     @cached_property
     def joint_jacobian(self) -> Array:
         """(6, nq) change of the tip (origin, rotation; base axes) [m, rad] per joint, flexures held as they are."""
-        return self._mechanics.tip_jacobian(self._configuration)[:, self._mechanics.flex.v_index]
+        return np.concatenate([self._held[:, self._mechanics.flex.v_index], self._by_gap[:, self._linear.lengths]], 1)
 
     @cached_property
     def total_jacobian(self) -> Array:
         """(6, nq) change of the tip (origin, rotation; base axes) [m, rad] per joint, flexures following loads."""
-        flex, wrenches, row = self._mechanics.flex, self.wrenches.ravel(), self._row
-        turned = self._mechanics.stiffness(self._configuration, self.solved.case)[:, flex.v_index]
-        given = self.arm.stack.tangent(wrenches, row) @ turned[flex.flexure_v]
-        following = self.arm.stack.change_with_position(wrenches, row) - given
-        return self.joint_jacobian + self.flexure_jacobian @ np.linalg.solve(self.tangent, following)
+        linear, tip = self._linear, self._tip
+        moved = tip @ linear.by_motion[:, self._mechanics.flex.v_index]
+        change = self.arm.stack.change_with_position(self.wrenches.ravel(), self._row)
+        return np.concatenate([moved, tip @ linear.by_gap[:, linear.lengths]], axis=1) + self._gain @ change
 
     @cached_property
     def contributions(self) -> Array:
@@ -352,9 +384,7 @@ class Deflection(_Result[float]):
     @cached_property
     def compliance(self) -> Array:
         """(6, 6) displacement of the tip per wrench at the tip origin, base axes, about the solution [m/N, ...]."""
-        tip = self._mechanics.tip_jacobian(self._configuration)[:, self._mechanics.flex.flexure_v]
-        given = self.arm.stack.tangent(self.wrenches.ravel(), self._row) @ tip.T
-        return self.flexure_jacobian @ np.linalg.solve(self.tangent, given)
+        return self._tip @ self._linear.by_load @ self._tip.T
 
     @cached_property
     def covariance(self) -> Array | None:
@@ -363,37 +393,53 @@ class Deflection(_Result[float]):
         It is of the laws alone: what a calibration or a trace fitted is left out; see `Arm.total_covariance`.
         """
         laws = self.arm.stack.covariance(self.wrenches.ravel(), self._row)
-        if laws is None:
-            return None
-        return self._gain @ laws @ self._gain.T
-
-    @cached_property
-    def _gain(self) -> Array:
-        """(6, 6 n) change of the tip per change of the flexures' laws."""
-        return np.asarray(np.linalg.solve(self.tangent.T, self.flexure_jacobian.T).T, float)
+        return None if laws is None else self._gain @ laws @ self._gain.T
 
     @property
-    def _mechanics(self) -> Mechanics:
+    def _gain(self) -> Array:
+        """(6, 6 n) change of the tip per change of the flexures' laws."""
+        return self._tip @ self._linear.by_law
+
+    @property
+    def _mechanics(self) -> Mechanism:
         return self.solved.loaded.mechanics
 
     @cached_property
     def _configuration(self) -> Array:
         return self._mechanics.flexed(self.solved.rigid, self.solved.motion)
 
-    @cached_property
-    def _at_rest(self) -> tuple[Array, Array]:
-        """(nv,) motion and torque, the one what the laws say of the other to the last digit."""
-        motion, torque, mechanics = self.solved.motion, self.solved.torque, self._mechanics
-        if torque is not None:
-            return motion, torque
-        if mechanics.laws.changing:
-            mechanics.laws.know(self._row)
-        torque = mechanics.load(self.solved.case)(self._configuration)
-        return mechanics.laws.motion(torque), torque
+    @property
+    def _forces(self) -> Array:
+        """(K, 6) forces in what closes."""
+        return -self.solved.torque[self._mechanics.model.nv :].reshape(-1, 6)
 
     @cached_property
     def _row(self) -> Row:
-        return self.solved.loaded.row(self.q, self.solved.case.covariates)
+        return self.solved.loaded.row(self.q, self.case.covariates)
+
+    @cached_property
+    def _tangent(self) -> Array:
+        return tangent_of(self.solved)
+
+    @cached_property
+    def _linear(self) -> Linear:
+        solved = self.solved
+        return self._mechanics.linear(self._configuration, solved.motion, solved.torque, self.case, self._row)
+
+    @cached_property
+    def _tip(self) -> Array:
+        return self._mechanics.tip_jacobian(self._configuration)
+
+    @cached_property
+    def _by_gap(self) -> Array:
+        """(6, m) motion of the tip per length of what closes, by the joints without a drive alone."""
+        free = self._mechanics.flex.free_v
+        return self._tip[:, free] @ np.linalg.pinv(self._linear.ways[:, free])
+
+    @cached_property
+    def _held(self) -> Array:
+        """(6, nv) motion of the tip per body motion of everything else, the loops closed."""
+        return self._tip - self._by_gap @ self._linear.ways
 
     def check_seen(self) -> None:
         """Raise `ExtrapolationError` where a trained law was asked beyond the loads that it has seen."""
@@ -415,7 +461,7 @@ class Deflection(_Result[float]):
             magnification: Factor on the twists.
             further: (n_flexures, 6) motion of the flexures beside them, as of a mode [m, rad].
         """
-        mechanics, motion = self._mechanics, magnification * self._at_rest[0]
+        mechanics, motion = self._mechanics, magnification * self.solved.motion
         if further is not None:
             shape = (len(self.names.flexures), 6)
             motion[mechanics.flex.flexure_v] += finite_array(further, "further", shape).ravel()
@@ -423,128 +469,6 @@ class Deflection(_Result[float]):
         for one in self.case.wrenches:
             found |= one.links(found[one.frame])
         return found
-
-
-class MechanismDeflection(Deflection):
-    """The same of an arm with loops: what follows from the response of a chain follows from the mechanism's."""
-
-    @property
-    def passive(self) -> dict[str, float]:
-        """See `Deflection`; those that follow others by a gear are among them."""
-        places = self._mechanics.flex.free_q
-        return dict(zip(self.arm.robot.linkage.free, self._configuration[places].tolist(), strict=True))
-
-    @cached_property
-    def flags(self) -> tuple[Flag, ...]:
-        """See `Deflection`; also of passive joints beyond their limits, and loads in loops that nothing determines."""
-        robot, found = self.arm.robot, []
-        for joint in robot.jointed:
-            at = self.passive.get(joint.name, joint.lower)
-            if not joint.lower - SLACK <= at <= joint.upper + SLACK:
-                text = f"joint {joint.name!r} has no drive and stands at {at:.6g}"
-                found.append(Flag("passive_limits", f"{text}, outside its limits [{joint.lower:g}, {joint.upper:g}]"))
-        idle = self._mechanics.idle(self.solved.case, self._row)
-        if idle.shape[1]:
-            name, _ = self._mechanics.tied.apart(int(np.abs(idle).max(axis=1).argmax()))
-            text = f"nothing determines loads in loop {name!r} across its plane: they are left out, and move nothing"
-            found.append(Flag("undetermined_loads", text))
-        return (*super().flags, *found)
-
-    @property
-    def loop_loads(self) -> dict[str, Array]:
-        """See `Deflection`."""
-        return {loop.name: self._forces[k] for k, loop in enumerate(self.arm.robot.linkage.loops)}
-
-    @property
-    def cylinder_states(self) -> dict[str, Array]:
-        """See `Deflection`."""
-        linkage, lengths = self.arm.robot.linkage, self._mechanics.lengths(self._configuration)
-        tensions = self._forces[len(linkage.loops) :, 0]
-        pairs = zip(linkage.cylinders, lengths, tensions, strict=False)
-        return {one.name: np.array([length, tension]) for one, length, tension in pairs}
-
-    @property
-    def _forces(self) -> Array:
-        return -self._at_rest[1][self._mechanics.model.nv :].reshape(-1, 6)
-
-    @cached_property
-    def joint_loads(self) -> Array:
-        """See `Deflection`; of a cylinder its tension along x."""
-        return self._mechanics.joint_loads(self._configuration, self.solved.case, self._at_rest[1])
-
-    @property
-    def drive_loads(self) -> Array:
-        """See `Deflection`; of a cylinder its tension. What follows a drive by a gear loads it, too."""
-        linkage, tensions = self.arm.robot.linkage, self._forces[len(self.arm.robot.linkage.loops) :, 0]
-        torque = self._mechanics.held(self._configuration, self.solved.case, self._at_rest[1])
-        return np.append(-torque[self._mechanics.flex.v_index], tensions[: len(linkage.cylinders)])
-
-    @cached_property
-    def load_factor(self) -> float:
-        """See `Deflection`."""
-        return load_factor(self._mechanics.tangent(self._configuration, *self._at_rest, self.solved.case, self._row))
-
-    @property
-    def tangent(self) -> Array:
-        """Raise: the flexures of a mechanism are not free of each other."""
-        raise UnsupportedError("an arm with loops has no tangent of its flexures alone: ask for load_factor")
-
-    @cached_property
-    def flexure_jacobian(self) -> Array:
-        """See `Deflection`; the loops stay closed, by the joints without a drive as far as they can."""
-        linear, flex = self._linear, self._mechanics.flex
-        tree = flex.flexure_v < self._mechanics.model.nv
-        found = np.empty((6, len(tree)))
-        found[:, tree] = self._held[:, flex.flexure_v[tree]] @ linear.bodily
-        found[:, ~tree] = self._by_gap @ linear.rows[:, flex.flexure_v[~tree] - self._mechanics.model.nv]
-        return found
-
-    @cached_property
-    def joint_jacobian(self) -> Array:
-        """See `Deflection`; the loops stay closed."""
-        return np.concatenate([self._held[:, self._mechanics.flex.v_index], self._by_gap[:, self._linear.lengths]], 1)
-
-    @cached_property
-    def total_jacobian(self) -> Array:
-        """See `Deflection`."""
-        linear, tip = self._linear, self._tip
-        moved = tip @ linear.by_motion[:, self._mechanics.flex.v_index]
-        change = self.arm.stack.change_with_position(self.wrenches.ravel(), self._row)
-        return np.concatenate([moved, tip @ linear.by_gap[:, linear.lengths]], axis=1) + self._gain @ change
-
-    @cached_property
-    def compliance(self) -> Array:
-        """See `Deflection`."""
-        return self._tip @ self._linear.by_load @ self._tip.T
-
-    @cached_property
-    def _gain(self) -> Array:
-        return self._tip @ self._linear.by_law
-
-    @property
-    def _mechanics(self) -> Mechanism:
-        mechanics = self.solved.loaded.mechanics
-        assert isinstance(mechanics, Mechanism)
-        return mechanics
-
-    @cached_property
-    def _linear(self) -> Linear:
-        return self._mechanics.linear(self._configuration, *self._at_rest, self.solved.case, self._row)
-
-    @cached_property
-    def _tip(self) -> Array:
-        return self._mechanics.tip_jacobian(self._configuration)
-
-    @cached_property
-    def _by_gap(self) -> Array:
-        """(6, m) motion of the tip per length of what closes, by the joints without a drive alone."""
-        free = self._mechanics.flex.free_v
-        return self._tip[:, free] @ np.linalg.pinv(self._linear.ways[:, free])
-
-    @cached_property
-    def _held(self) -> Array:
-        """(6, nv) motion of the tip per body motion of everything else, the loops closed."""
-        return self._tip - self._by_gap @ self._linear.ways
 
 
 def deflect(
@@ -555,16 +479,11 @@ def deflect(
     Raises:
         As `find_equilibrium`.
     """
-    if case.moves:
-        check_rows(case.wrenches, None)
-        known = loaded.flags_under(case.wrenches, moves=True)
-    else:
-        known = loaded.outside(case.wrenches).flags if case.wrenches else loaded.flags
-    # Beyond its limits a joint may be farther out than the proof of stability knows of.
-    found = find_equilibrium(loaded, case, method, allow_large, within=not flags)
-    flags = (*flags, *near_buckling(found.load_factor)) if found.load_factor < NEAR else flags
-    kind = MechanismDeflection if loaded.arm.robot.linkage else Deflection
-    return kind(found, (*known, *flags) if flags else known)
+    check_rows(case.wrenches, None)
+    known, found = loaded.flags_under(case.wrenches, case.moves), find_equilibrium(loaded, case, method, allow_large)
+    if found.load_factor < NEAR:
+        flags = (*flags, *near_buckling(found.load_factor))
+    return Deflection(found, (*known, *flags) if flags else known)
 
 
 def near_buckling(factor: float) -> tuple[Flag, ...]:
@@ -615,23 +534,16 @@ class DeflectionBatch(_Result[Array]):
         return self.payloads[0 if len(self.payloads) == 1 else i]
 
     def row(self, i: int) -> Deflection:
-        """Return one of the rows by itself; only where compiled code answered for a mechanism is it solved again."""
+        """Return one of the rows by itself; one with loops that the engine answered is solved again."""
         loaded, case = self.arm.loaded(self.payload(i)), self.case.some(i)
         checked, flags = self.arm.check_position(case.q, enforce_limits=False)
-        if i in self.solved:
-            buckling = near_buckling(float(self.found_factors[i]))
-            return MechanismDeflection(self.solved[i], (*self._flags_of(loaded), *flags, *buckling))
-        if isinstance(loaded.mechanics, Mechanism):
-            return deflect(loaded, case._replace(q=checked), flags, self.asked.method, self.asked.allow_large)
-        mechanics, method, case = loaded.mechanics, self.asked.method, case._replace(q=checked)
-        rigid, motion = mechanics.rigid_configuration(checked), np.zeros(mechanics.model.nv)
-        motion[loaded.flex.flexure_v] = self.twists[i].ravel()
-        if len(self.found_wrenches):
-            torque = np.zeros(mechanics.model.nv)
-            torque[loaded.flex.flexure_v] = -self.found_wrenches[i].ravel()
-        else:
-            torque = mechanics.load(case)(mechanics.flexed(rigid, motion))
-        found = Equilibrium(loaded, case, rigid, motion, torque, method, ())
+        case, found = case._replace(q=checked), self.solved.get(i)
+        if found is None and loaded.arm.robot.linkage:
+            return deflect(loaded, case, flags, self.asked.method, self.asked.allow_large)
+        if found is None:
+            rest = Rest(self.displacement[i].copy(), self.twists[i], self.wrenches[i])
+            placed = loaded.mechanics.at_rest(checked, rest)
+            found = Equilibrium(loaded, case, *placed, self.asked.method, displacement=rest.displacement)
         return Deflection(found, (*self._flags_of(loaded), *flags, *near_buckling(float(self.found_factors[i]))))
 
     @property
@@ -879,7 +791,7 @@ def _answer(
             one = deflect(loaded, case.some(i)._replace(q=checked), flags, asked.method, asked.allow_large)
         found.displacement[i], found.twists[i] = one.displacement, one.twists
         found.load_factor[i] = one.solved.load_factor
-        if isinstance(loaded.mechanics, Mechanism):
+        if arm.robot.linkage:
             kept[first + i] = one.solved
         if not here:
             found.wrenches[i] = one.wrenches

@@ -1,7 +1,7 @@
 """Where the loaded arm comes to rest: `twist = law(load(twist))`, and whether it stays there.
 
-The heart of the package, hence our own: a fixed point, which stiff arms are drawn to in a few steps, and Newton on the
-flexures' exponential coordinates with Pinocchio's geometric stiffness. A fixed point cannot distinguish a stable
+The engine is asked, and where it does not answer, or the arm moves, Pinocchio: Newton's method on the flexures'
+exponential coordinates with its geometric stiffness, see `mechanism`. A fixed point cannot distinguish a stable
 equilibrium from a buckled one: the bound of `certificate` can where the arm is stiff, the tangent `I + C dτ/dtwist`
 everywhere.
 """
@@ -9,11 +9,10 @@ everywhere.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.errors import (
@@ -23,32 +22,23 @@ from armflex.errors import (
     UnstableEquilibriumError,
     did_you_mean,
 )
-from armflex.mechanics.certificate import SHARE, StabilityBound
+from armflex.mechanics.certificate import SHARE
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.loop_rows import solver_of
-from armflex.mechanics.mechanism import Mechanism
-from armflex.mechanics.pinocchio_model import LoadCase, integrate
+from armflex.mechanics.many_rows import OneChain, Rest
+from armflex.mechanics.pinocchio_model import LoadCase
+from armflex.rows.wrench import Wrench
 
 METHODS = ("exact", "newton")
-TOLERANCE = 1e-12
-"""Largest residual of an equilibrium, of any flexure coordinate [m, rad]."""
-MAX_NEWTON = 50
-POLISHED = 0.01
-"""One more step is made where the residual is not this far below the tolerance: a lever of metres magnifies it."""
 MAX_ROTATION = 0.1
 """A flexure that turns further [rad] is outside what a compliance describes."""
 
-SMALL = MAX_ROTATION * MAX_ROTATION
-"""Sum of the squares of all shifts [m] and turns [rad] below which no flexure can have turned too far."""
-FARTHEST = 1e60
-"""Squared length of a first step beyond which there is no equilibrium to be found, only numbers that overflow."""
-STEPS = 24
-CONVERGED = TOLERANCE * TOLERANCE
-"""Squared length of the last step, at most."""
-NEXT = 4e-30
-"""Squared length of the step after it, were it to shrink as the last one did: a lever of metres magnifies it."""
-SLOWEST = 0.1
-"""Where a squared step is not shorter than this part of the one before it, Newton is quicker."""
+RUNS_AWAY = np.errstate(over="ignore", invalid="ignore")
+"""What runs away is refused, not warned of."""
+
+
+Quick = Callable[[Array, Mapping[str, Array]], Rest | None]
+"""From (nq,) positions and covariates to where the arm rests; None where the reference must be asked."""
 
 
 class Equilibrium(NamedTuple):
@@ -58,11 +48,10 @@ class Equilibrium(NamedTuple):
         loaded: The arm with its payload.
         case: Where its joints are and what acts.
         rigid: (nq_model,) configuration [m, rad] with flexures at zero.
-        motion: (nv,) exponential coordinates of the flexures, zero for joints [m, rad].
-        torque: (nv,) generalized torque: minus the loads on the flexures [N, Nm]; None for that of the motion.
-        method: How it was found.
-        history: Squared length of the residual before each step [m^2 or rad^2].
-        tangent: (6 n, 6 n) in units of the twists, where stability was checked with it.
+        motion: (size,) exponential coordinates of the flexures, and what joints without a drive do [m, rad].
+        torque: (size,) generalized torque: minus the loads on the flexures and in what closes [N, Nm].
+        method: How it was found: "fixed_point", by the engine, or "newton".
+        history: Largest residual before each step [m or rad]; the engine does not say.
         load_factor: See `load_factor`; infinite where it is known to be `NEAR` or more.
         displacement: (6,) of the tip where it was found with the rest, see `Deflection.displacement`.
     """
@@ -71,10 +60,9 @@ class Equilibrium(NamedTuple):
     case: LoadCase
     rigid: Array
     motion: Array
-    torque: Array | None
+    torque: Array
     method: str
-    history: Sequence[float]
-    tangent: Array | None = None
+    history: Sequence[float] = ()
     load_factor: float = math.inf
     displacement: Array | None = None
 
@@ -86,7 +74,7 @@ def check_method(method: str) -> None:
 
 
 def find_equilibrium(
-    loaded: LoadedArm, case: LoadCase, method: str = "newton", allow_large: bool = False, within: bool = False
+    loaded: LoadedArm, case: LoadCase, method: str = "newton", allow_large: bool = False
 ) -> Equilibrium:
     """Return where the arm comes to rest.
 
@@ -95,172 +83,52 @@ def find_equilibrium(
         case: Joint positions, motion, external wrenches and covariates.
         method: "newton", the reference, or "exact", the quickest that answers alike. Stability is checked.
         allow_large: Go on where a flexure turns by more than `MAX_ROTATION`.
-        within: Whether the joints are within their limits: stability may be known without the tangent.
 
     Raises:
         ConvergenceError: No equilibrium was found.
         UnstableEquilibriumError: One was found, but the arm would leave it.
         SmallDisplacementError: A flexure turned by more than `MAX_ROTATION`.
     """
-    mechanics = loaded.mechanics
-    loops = isinstance(mechanics, Mechanism)
     check_method(method)
-    if mechanics.ties is not None and method == "exact" and not case.moves:
-        solver = solver_of(loaded, case.wrenches)
-        if found := solver.one(loaded.row(case.q, case.covariates)):
-            parts = solver.model(found, 0, case.q)
-            return Equilibrium(loaded, case, *parts, "fixed_point", (), None, math.inf, found.displacement[0].copy())
-    if loops:
-        return _of_mechanism(mechanics, loaded, case, allow_large)
-    laws = mechanics.laws
-    if laws.changing:
-        laws.know(loaded.row(case.q, case.covariates))
-    rigid, load, law = mechanics.rigid_configuration(case.q), mechanics.load(case), laws.motion
-    # To look for what runs away takes as long as a quarter of a step. Laws that are not curved do not under the weight,
-    # nor under loads of a size that a quantity may have.
-    weight, found = load is mechanics.weight, None
-    tame = laws.tame and not laws.curved and (weight or (not case.moves and loaded.outside(case.wrenches).moderate))
-    if method == "exact":
-        ask = _fixed_point if tame else _watched_fixed_point
-        motion, sizes = ask(law, load, mechanics.model, rigid)
-        if motion is not None:
-            found = Equilibrium(loaded, case, rigid, motion, None, "fixed_point", sizes)
-    found = found or _newton(loaded, case, rigid, load)
-    bound = loaded.stability_bound
-    if within and bound is not None and found.motion.dot(found.motion) < SMALL:
-        known = weight and tame and bound.proven
-        if known or _proven(bound, found, load):
-            return found
-    found = _checked(found, load)
-    # Not a number is not small, either; `vdot` says nothing of what overflows.
-    size = found.motion.dot(found.motion) if tame else np.vdot(found.motion, found.motion)
-    if not allow_large and not size < SMALL:
-        if not np.isfinite(found.motion).all():
-            raise ConvergenceError("the loads or the laws give no finite twists", ())
-        check_small(found.motion[mechanics.flex.flexure_v], loaded.arm.stack.names)
-    return found
+    if method == "exact" and not case.moves and (rest := quick_of(loaded, case.wrenches)(case.q, case.covariates)):
+        return at_rest(loaded, case, rest)
+    return _by_newton(loaded, case, allow_large)
 
 
-def _of_mechanism(mechanics: Mechanism, loaded: LoadedArm, case: LoadCase, allow_large: bool) -> Equilibrium:
-    """Return where a mechanism comes to rest: by Newton's method, on all of it together."""
-    row = loaded.row(case.q, case.covariates)
-    if mechanics.laws.changing:
-        mechanics.laws.know(row)
-    rigid, motion, torque, history, tangent = mechanics.rest(case, row)
-    factor, squares = _lasting(tangent), np.square(history).tolist()
-    if not allow_large:
-        check_small(motion[mechanics.flex.flexure_v], loaded.arm.stack.names)
-    return Equilibrium(loaded, case, rigid, motion, torque, "newton", squares, None, factor)
+def quick_of(loaded: LoadedArm, wrenches: tuple[Wrench, ...]) -> Quick:
+    """Return this thread's engine under some loads: a function of (nq,) positions and covariates."""
+    if not loaded.arm.chain:
+        return solver_of(loaded, wrenches).one
+    one = getattr(loaded.kept, "one", None)
+    if one is None:
+        one = loaded.kept.one = OneChain(loaded)
+    return one.under(wrenches)
 
 
-RUNS_AWAY = np.errstate(over="ignore", invalid="ignore")
-"""What runs away is refused, not warned of."""
+def at_rest(loaded: LoadedArm, case: LoadCase, rest: Rest) -> Equilibrium:
+    """Return the equilibrium that the engine found.
 
-
-def _fixed_point(
-    law: Callable[[Array], Array],
-    load: Callable[[Array], Array],
-    model: pin.Model,
-    rigid: Array,
-) -> tuple[Array | None, list[float]]:
-    """Return the motion at rest, None where the steps do not shrink quickly, and the squared lengths of the steps.
-
-    Args:
-        law: Torques to motions.
-        load: Configurations to torques.
-        model: Of the arm.
-        rigid: Its configuration where it is not deflected.
+    Raises:
+        UnstableEquilibriumError: The arm would leave it.
     """
-    motion = law(load(rigid))
-    before = motion.dot(motion)
-    sizes = [before]
-    if not before < FARTHEST:
-        return None, sizes
-    for _ in range(STEPS):
-        moved = law(load(integrate(model, rigid, motion)))
-        step = moved - motion
-        size = step.dot(step)
-        sizes.append(size)
-        if size <= CONVERGED and size * size <= NEXT * before:
-            return moved, sizes
-        if not size < SLOWEST * before:  # not a number is not, either
-            break
-        motion, before = moved, size
-    return None, sizes
-
-
-_watched_fixed_point = RUNS_AWAY(_fixed_point)
+    placed = loaded.mechanics.at_rest(case.q, rest)
+    found = Equilibrium(loaded, case, *placed, "fixed_point", displacement=rest.displacement)
+    return found if rest.proven else found._replace(load_factor=_lasting(tangent_of(found)))
 
 
 @RUNS_AWAY
-def _newton(loaded: LoadedArm, case: LoadCase, rigid: Array, load: Callable[[Array], Array]) -> Equilibrium:
-    """Return the equilibrium by Newton's method with damped steps."""
-    mechanics, places = loaded.mechanics, loaded.mechanics.flex.flexure_v
-
-    def residual(motion: Array) -> tuple[Array, Array, float]:
-        torque = load(mechanics.flexed(rigid, motion))
-        left = motion - mechanics.laws.motion(torque)
-        largest = float(np.abs(left).max(initial=0.0))
-        return left, torque, largest if np.isfinite(largest) else np.inf
-
-    motion, polished = np.zeros(mechanics.model.nv), False
-    left, torque, largest = residual(motion)
-    history = [largest]
-    for _ in range(MAX_NEWTON):
-        if largest <= TOLERANCE and (polished or largest <= POLISHED * TOLERANCE):
-            return Equilibrium(loaded, case, rigid, motion, torque, "newton", np.square(history).tolist())
-        polished = largest <= TOLERANCE
-        tangent = tangent_of(Equilibrium(loaded, case, rigid, motion, torque, "newton", ()))
-        try:
-            step = np.linalg.solve(tangent, left[places])
-        except np.linalg.LinAlgError:
-            raise ConvergenceError("the tangent is singular: the arm is about to buckle", history) from None
-        # The step is halved until the residual shrinks or is given up; exp6 wraps around at a turn of pi, and a step
-        # must not get there.
-        before, start, factor = largest, motion, min(1.0, 1.0 / max(1e-300, float(np.abs(step).max(initial=0.0))))
-        for _ in range(8):
-            motion = start.copy()
-            motion[places] -= factor * step
-            left, torque, largest = residual(motion)
-            if largest < before or before < 1e-11:
-                break
-            factor *= 0.5
-        history.append(largest)
+def _by_newton(loaded: LoadedArm, case: LoadCase, allow_large: bool) -> Equilibrium:
+    """Return the equilibrium as the reference has it."""
     pushed = max((one.sizes[0] for one in case.wrenches if not one.hangs), default=0.0)
     loads = [f"a payload of {loaded.payload.mass:g} kg"] * bool(loaded.payload.mass)
     loads += [f"a force from outside of {pushed:.4g} N"] * bool(pushed)
-    under = f" under {' and '.join(loads)}" if loads else ""
-    raise ConvergenceError(f"the equilibrium did not converge{under}", history)
-
-
-def _proven(bound: StabilityBound, found: Equilibrium, load: Callable[[Array], Array]) -> bool:
-    """Return whether the bound under the arm's weight proves that it stays where it was found, within its limits."""
-    loaded, laws, wrenches = found.loaded, found.loaded.mechanics.laws, found.case.wrenches
-    if found.case.moves:
-        return False
-    if wrenches:
-        if loaded.outside(wrenches).proven:
-            return True
-        under = bound.under(wrenches)
-        if under is None:
-            return False
-        bound = under
-    if bound.proven:
-        return True
-    # What is affine gives the same under every load, so they need not be known.
-    torque = load(integrate(loaded.flex.model, found.rigid, found.motion)) if laws.bent else found.motion
-    return bool(bound.stays(-torque[loaded.flex.flexure_v], laws.tangent))
-
-
-@RUNS_AWAY
-def _checked(found: Equilibrium, load: Callable[[Array], Array]) -> Equilibrium:
-    """Return the equilibrium with its tangent, from which it is known to be stable."""
-    if found.torque is None:  # once more, so that loads and twists are each other's to the last digit
-        mechanics = found.loaded.mechanics
-        torque = load(mechanics.flexed(found.rigid, found.motion))
-        found = found._replace(motion=mechanics.laws.motion(torque), torque=torque)
-    tangent = tangent_of(found)
-    return found._replace(tangent=tangent, load_factor=_lasting(tangent))
+    mechanics, under = loaded.mechanics, f" under {' and '.join(loads)}" if loads else ""
+    rigid, motion, torque, history = mechanics.rest(case, loaded.row(case.q, case.covariates), under)
+    found = Equilibrium(loaded, case, rigid, motion, torque, "newton", history)
+    found = found._replace(load_factor=_lasting(tangent_of(found)))
+    if not allow_large:
+        check_small(motion[mechanics.flex.flexure_v], loaded.arm.stack.names)
+    return found
 
 
 def _lasting(tangent: Array) -> float:
@@ -277,13 +145,9 @@ def _lasting(tangent: Array) -> float:
 
 
 def tangent_of(found: Equilibrium) -> Array:
-    """Return the (6 n, 6 n) tangent `I + C dτ/dtwist` at an equilibrium."""
-    loaded, mechanics = found.loaded, found.loaded.mechanics
-    configuration, places = mechanics.flexed(found.rigid, found.motion), mechanics.flex.flexure_v
-    torque = found.torque if found.torque is not None else mechanics.load(found.case)(configuration)
-    compliance = loaded.arm.stack.tangent(-torque[places], loaded.row(found.case.q, found.case.covariates))
-    geometric = mechanics.stiffness(configuration, found.case)[mechanics.flexures]
-    return np.eye(len(places)) + compliance @ geometric @ mechanics.exponential_jacobian(found.rigid, found.motion)
+    """Return the tangent at an equilibrium: of a chain (6 n, 6 n) `I + C dτ/dtwist`; see `Mechanism.tangent`."""
+    mechanics, row = found.loaded.mechanics, found.loaded.row(found.case.q, found.case.covariates)
+    return mechanics.tangent(mechanics.flexed(found.rigid, found.motion), found.motion, found.torque, found.case, row)
 
 
 @RUNS_AWAY

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 
@@ -12,13 +12,8 @@ from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.laws import Law, Row
 from armflex.laws.law import NOWHERE
-from armflex.laws.terms import LEAST, MOST_FACTORS, NOTHING, UNLOADED, Curve, Factor, Neurons, Term
+from armflex.laws.terms import MOST_FACTORS, NOTHING, UNLOADED, Factor, Neurons, Term
 from armflex.mechanics.engine.tables import Factors, Laws
-
-Motion = Callable[[Array], Array]
-
-TAME = 1e60
-"""Largest compliance of laws whose twists need not be looked at [m/N, rad/(N m)]."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +82,11 @@ class LawStack:
         """Return where (6 n,) wrenches [N, Nm] are beyond what a law was trained on."""
         asked = [(name, law.flags(wrenches[place], row)) for name, place, law in self.trained]
         return tuple(replace(f, text=f"flexure {name!r}: {f.text}", about=name) for name, flags in asked for f in flags)
+
+    @cached_property
+    def constant(self) -> bool:
+        """Whether the tangents are the same under every load and in every row."""
+        return all(law.constant is not None for _, law in self.parts)
 
     @cached_property
     def asked(self) -> tuple[tuple[int, Law], ...]:
@@ -309,174 +309,3 @@ def _renewed(array: Array, same: Array, count: int) -> Array:
         return np.repeat(same, count, axis=0)
     np.copyto(array, same)
     return array
-
-
-class PlacedLaws:
-    """The laws at one row as a map from Pinocchio's generalized torques to velocities: no gathering, no signs to turn.
-
-        v = matrix tau + gains tanh(units tau + bias) + other terms + offset + what is curved gives
-
-    A torque is minus the load that deforms. Velocities of joints are zero, and torques on them do not count.
-
-    Attributes:
-        motion: (nv,) generalized torques to the (nv,) twists, among zeros, that the laws give at the row that is known.
-        curved: Whether laws must be asked under every load.
-        bent: Whether tangents depend on the load.
-        tame: Whether no weight can give twists whose squares overflow, by what of them is the same everywhere.
-    """
-
-    def __init__(self, stack: LawStack, places: np.ndarray, size: int) -> None:
-        numbers, matrix = stack.numbers, np.zeros((size, size))
-        neurons = numbers.neurons
-        units, gains = np.zeros((len(neurons), size)), np.zeros((size, len(neurons) + 1))
-        for here, block in zip(places, numbers.compliance[0], strict=True):
-            matrix[np.ix_(here, here)] = -block
-        own = places[np.repeat(np.arange(len(places)), np.diff(numbers.starts))]
-        np.put_along_axis(units, own, -neurons[:, :6], axis=1)
-        np.put_along_axis(gains[:, :-1].T, own, neurons[:, 7:], axis=1)
-        gains[places, -1] = numbers.offset[0]
-        self._weights = numbers.weights[0].copy()
-        self._bent = [_networks(units, neurons[:, 6].copy(), gains)] if len(neurons) or gains.any() else []
-        self._bent += [_curves(numbers, places, size, self._weights)] if stack.bent else []
-        self.motion = self._usual = _sum([_times(matrix)] * bool(matrix.any()) + self._bent)
-        self._stack, self._size, self._same, self._matrix = stack, size, matrix, matrix.copy()
-        self._places = [slice(int(here[0]), int(here[5]) + 1) for here in places]
-        self._softer: list[slice] = []
-        self._row = NOWHERE
-        self._known: dict[int, Array] = {}
-        self._curves = bool(len(neurons) or stack.bent)
-        self.changing, self.curved, self.bent = stack.rows_differ, False, self._curves
-        largest = max(abs(part).max(initial=0.0) for part in (matrix, gains, numbers.bent[:, :42]))
-        self.tame = largest < TAME and all(term.degree <= 1.0 for _, _, term in stack.bent)
-
-    def know(self, row: Row) -> None:
-        """Take in the row of the questions to come; needed where laws depend on more than the load."""
-        offset, curved, self._row, self._known = np.zeros(self._size), [], row, {}
-        for here in self._softer:
-            self._matrix[here, here] = self._same[here, here]
-        self._softer = []
-        for i, law in self._stack.asked:
-            here, found = self._places[i], law.affine(row)
-            if found is None:
-                curved.append((here, law))
-                continue
-            twist, compliance = found
-            self._known[id(law)] = compliance
-            if twist is not NOTHING:
-                offset[here] += twist
-            if compliance is not UNLOADED:
-                self._matrix[here, here] -= compliance
-                self._softer.append(here)
-        for i, law, term in self._stack.by_row:
-            here, weight = self._places[i], law.weight(term.factors, row)
-            offset[here] += weight * term.along
-            if term.matrix is not None:
-                self._matrix[here, here] -= weight * term.matrix
-                self._softer.append(here)
-        for t, (_, law, term) in enumerate(self._stack.bent):
-            self._weights[t] = law.weight(term.factors, row)
-        self.curved, self.bent = bool(curved), bool(curved or self._curves)
-        together = _sum([self._matrix.dot, *self._bent]) if self._softer else self._usual
-
-        def motion(torque: Array) -> Array:
-            found = together(torque)
-            found += offset
-            for here, law in curved:
-                found[here] += law.twist(-torque[here], row)
-            return found
-
-        self.motion = motion
-
-    def tangent(self, law: Law, load: Array) -> Array:
-        """Return the (6, 6) tangent of one of the laws under a (6,) load, at the row that is known."""
-        known = self._known.get(id(law))
-        return law.tangent(load, self._row) if known is None else known
-
-
-def _networks(units: Array, bias: Array, gains: Array) -> Motion:
-    """Return the map of all networks' neurons together, (H, nv) units and (nv, H + 1) gains with the constant last."""
-    hidden = np.ones(len(bias) + 1)
-    inner, into, out, tanh = hidden[:-1], units.dot, gains.dot, np.tanh
-
-    def networks(torque: Array) -> Array:
-        into(torque, inner)
-        np.add(inner, bias, inner)
-        tanh(inner, inner)
-        return out(hidden)
-
-    return networks
-
-
-def _curves(numbers: Laws, places: np.ndarray, size: int, weights: Array) -> Motion:
-    """Return the map of all curved terms together, times (T,) weights that may be filled anew."""
-    shapes, pieces = numbers.shapes, numbers.pieces[:-1]
-    at = places[np.repeat(np.arange(len(places)), np.diff(numbers.spans))]  # (T, 6), of every term
-    of_shape = at[np.repeat(np.arange(len(at)), np.diff(numbers.pieces))]
-    ways, alongs, kinds = np.zeros((len(shapes), size)), np.zeros((len(at), size)), shapes[:, 0].astype(int)
-    np.put_along_axis(ways, of_shape, -shapes[:, 3:9], axis=1)
-    np.put_along_axis(alongs, at, numbers.bent[:, 36:42], axis=1)
-    bias, raised = shapes[:, 1] * np.isin(kinds, (Curve.TANH, Curve.RAMP)), np.flatnonzero(kinds == Curve.RAISED)
-    each = ((Curve.SIZE, np.abs), (Curve.CLIPPED, lambda x: np.clip(x, -1.0, 1.0)), (Curve.TANH, np.tanh),
-            (Curve.RAMP, lambda x: np.maximum(x, 0.0)))  # fmt: skip
-    bounds = [(np.flatnonzero(kinds == kind), shape) for kind, shape in each if (kinds == kind).any()]
-    exponents, more, loads = shapes[raised, 2], shapes[raised, 1], of_shape[raised]
-    forms = _stacked(shapes[raised, 9:].reshape(-1, 6, 6), loads, size)
-    soft = np.flatnonzero(numbers.bent[:, 42])
-    matrices, onto = _stacked(-numbers.bent[soft, :36].reshape(-1, 6, 6), at[soft], size), at[soft].ravel()
-    gather = np.zeros((size, len(onto)))
-    gather[onto, np.arange(len(onto))] = 1.0
-    # What is not there takes as long as what is.
-    pushing, several, each_soft = alongs.any(), len(pieces) < len(shapes), np.repeat(soft, 6)
-    alongs, everything = alongs.T.copy(), np.vstack([ways, forms, matrices])
-    first, last = len(ways), len(ways) + len(forms)
-
-    def curves(torque: Array) -> Array:
-        products = everything.dot(torque)
-        numbers = products[:first]
-        numbers += bias
-        for places, shape in bounds:
-            numbers[places] = shape(numbers[places])
-        if len(raised):
-            squares = (products[first:last].reshape(-1, 6) * torque[loads]).dot(SIX)
-            squares += more
-            numbers[raised] = np.maximum(squares, LEAST) ** exponents
-        values = np.multiply.reduceat(numbers, pieces) if several else numbers
-        values *= weights
-        found = alongs.dot(values) if pushing else np.zeros(size)
-        if len(soft):
-            found += gather.dot(products[last:] * values[each_soft])
-        return found
-
-    return curves
-
-
-SIX = np.ones(6)
-
-
-def _stacked(blocks: Array, at: np.ndarray, size: int) -> Array:
-    """Return (6 m, size) rows of (m, 6, 6) blocks, each at its (6,) columns."""
-    whole = np.zeros((len(blocks), 6, size))
-    np.put_along_axis(whole, np.repeat(at[:, None, :], 6, axis=1), blocks, axis=2)
-    return whole.reshape(-1, size)
-
-
-def _times(matrix: Array) -> Motion:
-    """Return the map that a matrix is; a diagonal one, as is usual, takes a third of the time."""
-    diagonal = np.diag(matrix).copy()
-    same = np.count_nonzero(matrix) == np.count_nonzero(diagonal)
-    return partial(np.multiply, diagonal) if same else matrix.dot
-
-
-def _sum(motions: Sequence[Motion]) -> Motion:
-    """Return the map of the laws that need not be asked one by one."""
-    if len(motions) < 2:
-        return motions[0] if motions else np.zeros_like
-    first, *others = motions
-
-    def together(torque: Array) -> Array:
-        found = first(torque)
-        for one in others:
-            found += one(torque)
-        return found
-
-    return together

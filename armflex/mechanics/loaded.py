@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from armflex.conventions import LARGEST, Array, finite_array
+from armflex.conventions import Array, finite_array
 from armflex.errors import Flag, InputError, PayloadError, UnknownNameError
 from armflex.laws import Row
 from armflex.laws.effects.context import MASS
@@ -21,11 +21,11 @@ from armflex.mechanics.certificate import StabilityBound, bound_stability
 from armflex.mechanics.chain import Frames, Tree, chain_of, frames_of, link_frame
 from armflex.mechanics.laws import LawStack
 from armflex.mechanics.mechanism import Mechanism
-from armflex.mechanics.pinocchio_model import FlexModel, Load, Mechanics, build_model
+from armflex.mechanics.pinocchio_model import FlexModel, Load, build_model
 from armflex.mechanics.spring import Spring
 from armflex.robot import Corrections, Robot, Site
 from armflex.robot.robot import MILLIMETRES
-from armflex.rows.wrench import Wrench, check_rows, same_objects
+from armflex.rows.wrench import Wrench
 
 TOOL = "what is at the tool"
 
@@ -169,42 +169,19 @@ class Structure(Manipulator, Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Outside:
-    """Loads from outside on an arm with its payload, the same in all rows, and what is known of them beforehand."""
-
-    loaded: LoadedArm
-    wrenches: tuple[Wrench, ...]
-
-    @cached_property
-    def flags(self) -> tuple[Flag, ...]:
-        """See `LoadedArm.flags_under`."""
-        return self.loaded.flags_under(self.wrenches, moves=False)
-
-    @cached_property
-    def moderate(self) -> bool:
-        """Whether these and what pulls at the arm are of a size that a quantity may have."""
-        return all(max(one.sizes) < LARGEST for one in (*self.wrenches, *self.loaded.arm.pulls))
-
-    @cached_property
-    def proven(self) -> bool:
-        """Whether the bound alone proves that the arm stays under them, wherever its joints are."""
-        bound = self.loaded.stability_bound
-        return bound is not None and bound.proven_under(self.wrenches)
-
-
-@dataclass(frozen=True, eq=False)
 class LoadedArm:
     """What every question about an arm with a payload has in common. Shared between threads.
 
     Attributes:
         arm, payload: What they are of.
         gravity: (3,) in base axes [m/s^2] where it is not that of the arm's robot.
+        kept: What each thread keeps of it: Pinocchio's workspace, and the engine under the loads asked about last.
     """
 
     arm: Structure
     payload: Payload
     gravity: Array | None = None
-    _local: threading.local = field(default_factory=threading.local, repr=False)
+    kept: threading.local = field(default_factory=threading.local, repr=False)
 
     def __reduce__(self) -> tuple:
         """Return what it is made of; a workspace belongs to its thread."""
@@ -220,17 +197,18 @@ class LoadedArm:
         return self.arm.robot if self.gravity is None else replace(self.arm.robot, gravity=self.gravity)
 
     @property
-    def mechanics(self) -> Mechanics:
+    def mechanics(self) -> Mechanism:
         """This thread's Pinocchio."""
         try:
-            return self._local.mechanics
+            return self.kept.mechanics
         except AttributeError:
-            self._local.mechanics = self._mechanics(self.flex)
-            return self._local.mechanics
+            self.kept.mechanics = self.mechanism(self.flex)
+            return self.kept.mechanics
 
-    def _mechanics(self, flex: FlexModel) -> Mechanics:
-        arm, own = self.arm, (self.rigid, flex, self.arm.stack, self.arm.pulls, self.arm.springs)
-        return Mechanism(*own, arm.robot, arm.corrections) if arm.robot.linkage else Mechanics(*own)
+    def mechanism(self, flex: FlexModel) -> Mechanism:
+        """Return Pinocchio's arm with a model of its flexures."""
+        arm = self.arm
+        return Mechanism(self.rigid, flex, arm.stack, arm.pulls, arm.springs, arm.robot, arm.corrections)
 
     @property
     def site_names(self) -> tuple[str, ...]:
@@ -302,18 +280,6 @@ class LoadedArm:
                 text = f"{size:.3g} N at {wrench.frame!r} is over {FORCE_BAND:g} times the arm's weight: kN or kgf?"
                 flags.append(Flag("large_force", text))
         return (*known, *flags) if flags else known
-
-    def outside(self, wrenches: tuple[Wrench, ...]) -> Outside:
-        """Return loads from outside with what is known of them; of those that were asked about last it is kept.
-
-        Raises:
-            ShapeError: One is for rows of a batch.
-        """
-        known: Outside | None = getattr(self._local, "outside", None)
-        if known is None or not same_objects(known.wrenches, wrenches):
-            check_rows(wrenches, None)
-            known = self._local.outside = Outside(self, wrenches)
-        return known
 
     def sag_flags(self, displacement: Array) -> tuple[Flag, ...]:
         """Return a flag where the tip's (6,) displacement [m, rad] is a good part of the reach."""

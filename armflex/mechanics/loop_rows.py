@@ -8,7 +8,7 @@ Rows follow each other, since each closes its loops from where the one before di
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -23,11 +23,10 @@ from armflex.mechanics.engine.tables import COIL, FLEXURE, GAS, GEAR, NO_CHANGES
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.many_rows import NOT_PUSHED, ManyRows, Pushes, State, displaced_from
-from armflex.mechanics.mechanism import Closing, Mechanism
+from armflex.mechanics.mechanism import Closing, Rest
 from armflex.mechanics.pinocchio_model import FlexModel, LoadCase
 from armflex.mechanics.spring import CoilSpring
 from armflex.mechanics.ties import Pin, Ties
-from armflex.robot import Corrections
 from armflex.rows.wrench import Wrench, same_objects
 
 
@@ -90,26 +89,16 @@ def tree_of(flex: FlexModel, ties: Ties, closing: Closing) -> Tree:
 def trees(loaded: LoadedArm) -> tuple[Tree, Tree | None, Tree]:
     """Return the mechanism, as the controller knows it where that is another, and with its tool as an element."""
     mechanics, corrections, flex = loaded.mechanics, loaded.arm.corrections, loaded.with_tool
-    if mechanics.trees is None:
-        true, controlled = closings(loaded)
-        nominal = controlled if corrections.move else None
+    kept = getattr(loaded.kept, "trees", None)
+    if kept is None:
+        true, nominal = mechanics.true, mechanics.nominal if corrections.move else None
         ties = Ties(flex.model, flex.model.createData(), mechanics.linkage, loaded.arm.springs, corrections.geometry)
-        mechanics.trees = (
+        kept = loaded.kept.trees = (
             tree_of(mechanics.flex, true.ties, true),
             nominal and tree_of(loaded.rigid, nominal.ties, nominal),
             tree_of(flex, ties, true),
         )
-    return mechanics.trees
-
-
-def closings(loaded: LoadedArm) -> tuple[Closing, Closing]:
-    """Return where joints without a drive are, in the arm as it is and as its controller has it."""
-    mechanics, robot, rigid = loaded.mechanics, loaded.arm.robot, loaded.rigid
-    if isinstance(mechanics, Mechanism):
-        return mechanics.true, mechanics.nominal
-    ties = Ties(rigid.model, rigid.model.createData(), robot.linkage)
-    assert mechanics.ties is not None
-    return Closing(robot, mechanics.flex, mechanics.ties, Corrections()), Closing(robot, rigid, ties, Corrections())
+    return kept
 
 
 class LoopSolver:
@@ -117,33 +106,34 @@ class LoopSolver:
 
     def __init__(self, loaded: LoadedArm, wrenches: Sequence[Wrench] = ()) -> None:
         mechanics = loaded.mechanics
-        true, self._controlled = closings(loaded)
+        true, self._controlled = mechanics.true, mechanics.nominal
         self._closing = true if loaded.arm.corrections.move else self._controlled
-        self._mechanics, self._pushes, self._laws = mechanics, Pushes(loaded, wrenches), RowLaws(loaded.arm.stack)
+        self._loaded, self._mechanics, self._pushes = loaded, mechanics, Pushes(loaded, wrenches)
+        self._laws = RowLaws(loaded.arm.stack)
         self._tree, self._nominal = trees(loaded)[:2]
         m, self._differs = len(self._tree.rows), loaded.arm.stack.rows_differ
-        self._idle, flex = np.zeros((m, m)), mechanics.flex
+        self._idle = np.zeros((m, m))
         self._same: Laws | None = None
         self._engine, self._rigid = Engine(self._tree), self._nominal and Engine(self._nominal)
-        nq, flexures = len(flex.neutral), flex.flexure_v
-        self._driven, self._ends = len(flex.q_index), (nq, nq + flex.size)
-        self._blank = np.concatenate([flex.neutral, np.zeros(2 * flex.size)])
-        places = flex.q_index, flex.free_q, nq + flex.free_v, nq + flexures, nq + flex.size + flexures
-        self._places = np.concatenate(places)
         self._single = self._room(self._tree, 1)
         self._one = OneRest(self._tree, self._single)
         self._plain: bool | None = None
-        self._slots = -mechanics.ties.rows.T  # pyright: ignore[reportOptionalMemberAccess]
 
-    def one(self, row: Row) -> Rested | None:
-        """Return where it rests in one row, in arrays that the next one overwrites; None where it is not answered."""
-        closing, single = self._closing, self._single
+    def one(self, q: Array, covariates: Mapping[str, Array]) -> Rest | None:
+        """Return where it rests at (nq,) positions; None beyond its limits, and where the engine does not answer."""
+        if not self._loaded.arm.within_limits(q.tolist()):
+            return None
+        closing, found, row = self._closing, self._single, self._loaded.row(q, covariates)
         last = closing.last if self._nominal is None else None
-        if last is not None and self._knows_one(row) and self._one(row.q, last[1]):
-            closing.last = row.q.copy(), single.closed[0].copy()
-            return single
-        self.rest(row.q[None], row, into=single)
-        return single if single.fine[0] else None
+        if last is not None and self._knows_one(row) and self._one(q, last[1]):
+            closing.last = q.copy(), found.closed[0].copy()
+        else:
+            self.rest(q[None], row, into=found)
+            if not found.fine[0]:
+                return None
+        closed, flexed = found.closed[0].copy(), found.flexed[0].copy()
+        twists, loads, forces = found.twists[0].copy(), found.loads[0].copy(), found.forces[0].copy()
+        return Rest(found.displacement[0].copy(), twists, loads, True, closed, flexed, forces)
 
     def _knows_one(self, row: Row) -> bool:
         """Return whether the engine knows laws and loads in a row, which are given to it where they are others."""
@@ -208,23 +198,12 @@ class LoopSolver:
             found.displacement[:] = displaced_from(found.displacement, found.tips, nominal.tips)
         return found
 
-    def model(self, found: Rested, i: int, q: Array) -> tuple[Array, Array, Array]:
-        """Return a row as `Mechanism.rest` has it: configuration, motion, and torque but that of joints."""
-        closed, twists, loads, whole = found.closed[i], found.twists[i], found.loads[i], self._blank.copy()
-        whole[self._places] = np.concatenate(
-            [q[: self._driven], closed, found.flexed[i] - closed, twists.ravel(), -loads.ravel()]
-        )
-        torque = whole[self._ends[1] :]
-        torque[self._mechanics.model.nv :] = self._slots @ found.forces[i]
-        return whole[: self._ends[0]], whole[self._ends[0] : self._ends[1]], torque
-
-    def fill(self, into: Rested, i: int, rigid: Array, motion: Array, torque: Array | None, idle: Array) -> None:
+    def fill(self, into: Rested, i: int, rigid: Array, motion: Array, torque: Array, idle: Array) -> None:
         """Put where `Mechanism` has row i at rest, and what is idle there, into the arrays."""
         mechanics, flex = self._mechanics, self._mechanics.flex
-        assert torque is not None and mechanics.ties is not None
         into.closed[i], into.flexed[i] = rigid[flex.free_q], mechanics.flexed(rigid, motion)[flex.free_q]
         into.twists[i], into.loads[i] = motion[flex.flexure_v].reshape(-1, 6), -torque[flex.flexure_v].reshape(-1, 6)
-        into.forces[i], into.idle[i] = -mechanics.ties.rows @ torque[mechanics.model.nv :], idle @ idle.T
+        into.forces[i], into.idle[i] = -mechanics.tied.rows @ torque[mechanics.model.nv :], idle @ idle.T
 
     def _room(self, tree: Tree, count: int) -> Rested:
         p, n, m = len(self._mechanics.flex.free_v), len(tree.flexures), len(self._idle)
@@ -276,7 +255,7 @@ def responding(loaded: LoadedArm, rows: np.ndarray, case: LoadCase, rested: Rest
 
 def solver_of(loaded: LoadedArm, wrenches: tuple[Wrench, ...]) -> LoopSolver:
     """Return this thread's solver under some loads; that of those that were asked about last is kept."""
-    mechanics = loaded.mechanics
-    if mechanics.solver is None or not same_objects(mechanics.solver[0], wrenches):
-        mechanics.solver = wrenches, LoopSolver(loaded, wrenches)
-    return mechanics.solver[1]
+    kept = getattr(loaded.kept, "solver", None)
+    if kept is None or not same_objects(kept[0], wrenches):
+        kept = loaded.kept.solver = wrenches, LoopSolver(loaded, wrenches)
+    return kept[1]

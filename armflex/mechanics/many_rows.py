@@ -8,25 +8,29 @@ Every law and every load is asked once a round for all rows.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.errors import UnsupportedError, naming
 from armflex.laws import Row
+from armflex.laws.effects.context import MASS
 from armflex.mechanics.certificate import SHARE, StabilityBound
 from armflex.mechanics.chain import Frames
-from armflex.mechanics.engine.binding import NO_LINKS, NO_WRENCHES, Engine
+from armflex.mechanics.engine.binding import NO_LINKS, NO_WRENCHES, Engine, OneRow
 from armflex.mechanics.engine.tables import NO_CHANGES, Tree
 from armflex.mechanics.laws import LawStack, RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
+from armflex.mechanics.mechanism import Rest
+from armflex.mechanics.pinocchio_model import build_model
 from armflex.parallel import in_pieces
-from armflex.rows.wrench import Wrench, check_rows
+from armflex.rows.wrench import Wrench, check_rows, same_objects
 
 AT_ONCE = 8192
 """Rows that are asked about together: their arrays stay near the processor, and memory does not grow with N."""
@@ -273,6 +277,7 @@ class RowSolver:
         self._loaded, self._chain, self._nominal = loaded, loaded.chain, loaded.nominal
         self.pushes, self._wrenches = Pushes(loaded, wrenches), wrenches
         self._lower, self._upper = map(np.array, loaded.arm.bounds)
+        self.middle = 0.5 * (self._lower + self._upper)[None]
 
     def needs_wrenches(self, laws: RowLaws) -> bool:
         """Return whether loads must be known to solve the rows, or to prove that the arm stays."""
@@ -366,6 +371,88 @@ class RowSolver:
         tangents = tangents if len(tangents) == 1 else tangents[some]
         pushed = self.pushes.some(some).at(q, twists)
         return responded(self._chain, "laws", NO_FRAMES, q, twists, pushed, tangents, distance=distance), distance
+
+
+class OneChain:
+    """One thread's engine of a chain, asked about one configuration at a time.
+
+    Laws of terms under loads that are dead or follow their links are one call; others are a row of `RowSolver`'s.
+    """
+
+    def __init__(self, loaded: LoadedArm) -> None:
+        arm, self._loaded, self._wrenches = loaded.arm, loaded, ()
+        self._laws, self._rows, columns = RowLaws(arm.stack), RowSolver(loaded), len(arm.joint_names)
+        places = {f"q_{name}": place for name, place in arm.joint_index.items()}
+        factors = arm.stack.factors(places | {MASS: columns})
+        self._names, self._known = (), np.array([loaded.payload.mass])
+        self._solve: OneRow | None = None
+        if factors is not None:
+            self._names, self._known = factors.names, np.append(self._known, np.zeros(len(factors.names)))
+            self._solve = OneRow(loaded.chain, arm.stack.numbers, np.array(arm.bounds), factors, self._known)
+        self._moved = loaded.nominal and _from_nominal(loaded)
+        self._push()
+
+    def under(self, wrenches: tuple[Wrench, ...]) -> OneChain:
+        """Return it under loads from outside."""
+        if not same_objects(self._wrenches, wrenches):
+            self._wrenches, self._rows = wrenches, RowSolver(self._loaded, wrenches)
+            self._push()
+        return self
+
+    def _push(self) -> None:
+        pushes, bound = self._rows.pushes, self._rows.bound
+        self._proven, self._settled = bound is not None and bound.proven, not pushes.posed
+        if self._settled and self._solve is not None:
+            self._solve.set_loads(pushes.links, pushes.wrenches(self._rows.middle))
+
+    def __call__(self, q: Array, covariates: Mapping[str, Array]) -> Rest | None:
+        """Return where it rests at (nq,) positions; None beyond its limits, and where the fixed point is none."""
+        if self._solve is None or not self._settled:
+            return self._in_rounds(q, covariates)
+        for place, name in enumerate(self._names, 1):
+            if name not in covariates:
+                return None  # the reference says which effect asks for it
+            self._known[place] = covariates[name]
+        found = self._solve(q)
+        if found is None:
+            return None
+        displacement, twists, loads = found
+        proven = self._proven or self._stays(q, covariates, Solution(displacement[None], loads[None], twists[None]))
+        if self._moved:
+            self._moved(q, displacement)
+        return Rest(displacement, twists, loads, proven)
+
+    def _stays(self, q: Array, covariates: Mapping[str, Array], found: Solution) -> bool:
+        row = self._loaded.row(q[None], covariates)
+        if self._loaded.arm.stack.rows_differ:
+            self._laws.know(row)
+        return bool(self._rows.proven(row, self._laws, found, self._rows.bound, np.ones(1, dtype=bool))[0])
+
+    @np.errstate(over="ignore", invalid="ignore")
+    def _in_rounds(self, q: Array, covariates: Mapping[str, Array]) -> Rest | None:
+        row, arm = self._loaded.row(q[None], covariates), self._loaded.arm
+        laws, found = RowLaws(arm.stack, row), Solution.empty(1, len(arm.sites))
+        fine = self._rows.solve(row, laws, found)
+        if not (fine[0] and arm.within_limits(q.tolist())):
+            return None
+        proven = self._rows.proven(row, laws, found, self._rows.bound, fine)
+        return Rest(found.displacement[0], found.twists[0], found.wrenches[0], bool(proven[0]))
+
+
+def _from_nominal(loaded: LoadedArm) -> Callable[[Array, Array], None]:
+    """Return what makes a displacement one from where the controller has the rigid arm, not from where it is."""
+    true, nominal = build_model(loaded.arm.robot, (), None, loaded.arm.corrections), loaded.rigid
+    datas = (true.model.createData(), nominal.model.createData())
+    here, there = datas[0].oMf[true.tip], datas[1].oMf[nominal.tip]
+    origin, turn, nominal_origin, back = here.translation, here.rotation, there.translation, there.rotation.T
+
+    def moved(q: Array, displacement: Array) -> None:
+        pin.framesForwardKinematics(true.model, datas[0], q)
+        pin.framesForwardKinematics(nominal.model, datas[1], q)
+        displacement[:3] += origin - nominal_origin
+        displacement[3:] = pin.log3(pin.exp3(displacement[3:]).dot(turn).dot(back))
+
+    return moved
 
 
 def by_payload(

@@ -1,4 +1,6 @@
-"""A mechanism at rest: a tree of links with loops, passive joints, cylinders, gears, and flexures in all of them.
+"""Pinocchio's arm with its payload: a tree of links with loops, passive joints, cylinders, gears, and flexures in it.
+
+It is the reference: one configuration at a time, with motion, and whatever is asked about where it rests.
 
     mechanics.rest(case, row)   where it is; `find_equilibrium` makes an `Equilibrium` of it
     mechanics.closed(q)         positions of the joints without a drive, nothing giving
@@ -23,22 +25,25 @@ of a torque minus the force in it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.errors import ClosureError, ConvergenceError
 from armflex.laws import Row
 from armflex.mechanics.laws import LawStack
-from armflex.mechanics.pinocchio_model import FlexModel, Load, LoadCase, Mechanics, integrate, rnea
+from armflex.mechanics.pinocchio_model import BASE_AXES, FlexModel, Load, LoadCase, frame_jacobian
 from armflex.mechanics.spring import Spring
 from armflex.mechanics.ties import Ties
 from armflex.robot import Corrections, Robot
 
+NONE = np.zeros(0)
 CLOSED = 1e-13
 """Largest last step of passive joints [m, rad] to where the loops close."""
 ROUNDED = 1e-9
@@ -63,6 +68,12 @@ MOST = 50
 """Newton steps."""
 DIFFERENCE = 1e-5
 """Largest motion of a joint [m, rad] in a difference quotient."""
+EXACT = 1e-14
+"""Residual of a chain [m, rad] after which no more step is made."""
+HALVINGS = 8
+"""Of a Newton step after which the residual does not shrink."""
+ROUNDING = 1e-11
+"""Residual below which it need not."""
 POLISHED = 1e-9
 """Largest last step of an equilibrium [m, rad]: the next would be its square."""
 
@@ -89,6 +100,8 @@ class Closing:
 
     def gaps(self, q: Array, configuration: Array) -> tuple[Array, Array]:
         """Return (m,) gaps and (m, nv) their change per body motion."""
+        if not self._linkage:
+            return NONE, np.zeros((0, self.ties.model.nv))
         gaps, ways = self.ties.place(configuration)
         gaps[self.lengths] -= q[self._driven :] + self.offsets
         return gaps, ways
@@ -278,8 +291,40 @@ class Linear:
         return np.eye(len(self.turned)) - self.by_load @ self.turned - self.by_gap @ self.ways
 
 
-class Mechanism(Mechanics):
-    """One thread's Pinocchio of a mechanism with its payload; never to be shared between threads."""
+class Rest(NamedTuple):
+    """One configuration at rest, as the engine found it.
+
+    Attributes:
+        displacement: (6,) of the tip [m, rad].
+        twists, loads: (n, 6) of the flexures [m, rad] and [N, Nm].
+        proven: Whether the arm is proven to stay, and not near buckling.
+        closed, flexed: (p,) positions of joints without a drive, nothing giving, and at rest.
+        forces: (m,) in what closes.
+    """
+
+    displacement: Array
+    twists: Array
+    loads: Array
+    proven: bool = True
+    closed: Array = NONE
+    flexed: Array = NONE
+    forces: Array = NONE
+
+
+class _Residual(NamedTuple):
+    """What is left of the equations at a motion from the rigid configuration; see `Mechanism.rest`."""
+
+    configuration: Array
+    motion: Array
+    torque: Array
+    ways: Array
+    unclosed: Array
+    left: Array
+    largest: float
+
+
+class Mechanism:
+    """One thread's Pinocchio of an arm with its payload, rigid and flexible; never to be shared between threads."""
 
     def __init__(
         self,
@@ -291,85 +336,152 @@ class Mechanism(Mechanics):
         robot: Robot,
         corrections: Corrections,
     ) -> None:
-        super().__init__(rigid, flex, stack, pulls, springs, robot.linkage, corrections.geometry)
-        assert self.ties is not None
-        self.stack, self.tied = stack, self.ties
+        self.rigid, self.flex, self.stack, self.pulls, self.linkage = rigid, flex, stack, tuple(pulls), robot.linkage
+        self.model, self.data, self._rigid_data = flex.model, flex.model.createData(), rigid.model.createData()
+        self.tied = Ties(self.model, self.data, robot.linkage, springs, corrections.geometry)
         nominal = Ties(rigid.model, self._rigid_data, robot.linkage)
         self.nominal = Closing(robot, rigid, nominal, Corrections())
         self.true = Closing(robot, flex, self.tied, corrections)
         self.closing = self.true if corrections.move else self.nominal
-        places = flex.flexure_v
+        places, nq = flex.flexure_v, len(flex.neutral)
         self._of_tree_places = np.flatnonzero(places < self.model.nv)
         self.given = places[self._of_tree_places]
-        self.flexures = np.ix_(self.given, self.given)
+        self._frames = {link: flex.frame(link) for link in flex.links}
         self._same: Array | None = None
         self._yielding: tuple[Array, Array] | None = None
+        # Where everything that the engine finds stands in a configuration, a motion and a torque, one behind the other.
+        self._ends = nq, nq + flex.size
+        self._blank = np.concatenate([flex.neutral, np.zeros(2 * flex.size)])
+        placed = flex.q_index, flex.free_q, nq + flex.free_v, nq + places, nq + flex.size + places
+        self._placed, self._slots = np.concatenate(placed), -self.tied.rows.T
+
+    def at_rest(self, q: Array, rest: Rest) -> tuple[Array, Array, Array]:
+        """Return what `rest` does of what the engine found, but for its history and the torque of joints."""
+        whole = self._blank.copy()
+        closed, driven = rest.closed, q[: len(self.flex.q_index)]
+        parts = driven, closed, rest.flexed - closed, rest.twists.ravel(), -rest.loads.ravel()
+        whole[self._placed] = np.concatenate(parts)
+        torque = whole[self._ends[1] :]
+        if len(rest.forces):
+            torque[self.model.nv :] = self._slots @ rest.forces
+        return whole[: self._ends[0]], whole[self._ends[0] : self._ends[1]], torque
 
     def closed(self, q: Array) -> Array:
         """Return (p,) positions of the joints without a drive, the arm as calibrated, nothing giving [rad or m]."""
         return self.closing.closed(q)
 
     def rigid_configuration(self, q: Array) -> Array:
-        """See `Mechanics`; the loops are closed."""
+        """Return the flexible model's configuration at (nq,) positions, the loops closed and every flexure at zero."""
         return self.true.configuration(q, self.closed(q))
 
     def flexed(self, rigid: Array, motion: Array) -> Array:
-        """See `Mechanics`; the joints without a drive move, too."""
-        return integrate(self.model, rigid, motion[: self.model.nv])
+        """Return the configuration with flexures at exp6 of the twists in a motion, other joints moved by it."""
+        return pin.integrate(self.model, rigid, motion[: self.model.nv])
 
-    def rest(self, case: LoadCase, row: Row) -> tuple[Array, Array, Array, list[float], Array]:
-        """Return where the mechanism comes to rest.
+    def load(self, case: LoadCase) -> Callable[[Array], Array]:
+        """Return the map from configurations to (nv,) generalized torques that hold the tree and its springs [N, Nm].
+
+        They are what parents exert on children: minus the loads that deform.
+        """
+        (v, a), loads = self._velocities(case), (*case.wrenches, *self.pulls)
+
+        def held(configuration: Array) -> Array:
+            forces = self._forces(configuration, loads)
+            torque = np.array(pin.rnea(self.model, self.data, configuration, v, a, forces))
+            if self.tied.springs:
+                pin.computeJointJacobians(self.model, self.data, configuration)
+                torque += self.tied.sprung()[1]
+            return torque
+
+        return held
+
+    def spring_states(self, configuration: Array) -> Array:
+        """Return (n_springs, 2) of lengths [m] and tensions [N]."""
+        pin.computeJointJacobians(self.model, self.data, configuration)
+        return self.tied.sprung()[0]
+
+    def rest(self, case: LoadCase, row: Row, under: str = "") -> tuple[Array, Array, Array, tuple[float, ...]]:
+        """Return where the arm comes to rest: by Newton's method with damped steps, on all of it together.
 
         That is its (nq_model,) configuration with the loops closed and no flexure giving, and from there its (size,)
-        motion and torque, see the head of this file; the largest residual before each step; and its `tangent`.
+        motion and torque, see the head of this file; and the largest residual before each step.
+
+        Args:
+            case: Where the drives are and what acts.
+            row: What its laws may know.
+            under: What is said of the loads where it does not come to rest.
 
         Raises:
             ClosureError: A loop cannot be closed.
             ConvergenceError: No equilibrium was found.
         """
-        ties, given, free, nv = self.tied, self.given, self.flex.free_v, self.model.nv
         rigid, load = self.rigid_configuration(case.q), self.load(case)
-        motion, forces, history = np.zeros(self.flex.size), np.zeros(len(ties.rows)), []
-        idle, last, matrix, base = self.idle(case, row, rigid), np.inf, np.eye(0), np.eye(0)
-        t, p = len(given), len(free)
+        idle, t, p = self.idle(case, row, rigid), len(self.given), len(self.flex.free_v)
+        motion, forces = np.zeros(self.flex.size), np.zeros(len(self.tied.rows))
+        here, last, history = self._residual(case, row, load, rigid, motion, forces, idle), np.inf, list[float]()
         for _ in range(MOST):
-            configuration = self.flexed(rigid, motion)
-            tree = load(configuration)
-            gaps, ways = self.true.gaps(case.q, configuration)
-            torque = np.concatenate([tree + ways.T @ forces, -ties.rows.T @ forces])
-            law = self.laws.motion(torque)
-            unclosed = gaps - ties.rows @ law[nv:]
-            left = np.concatenate([motion[given] - law[given], torque[free], unclosed - idle @ (idle.T @ forces)])
-            motion[nv:] = law[nv:]
-            sizes = np.abs(left)
-            sizes[t : t + p] /= max(1.0, float(np.abs(tree).max(initial=0.0)))
-            largest = float(sizes.max(initial=0.0))
-            history.append(largest)
-            if not np.isfinite(largest):
+            history.append(here.largest)
+            if not np.isfinite(here.largest):
                 break
-            if largest <= TOLERANCE and last <= POLISHED:
-                if np.abs(unclosed).max(initial=0.0) > ALIGNED:
-                    raise self.true.unclosed(case.q, unclosed)
-                # The tangent is that of the step before, from which this one is as good as nothing.
-                return rigid, motion, torque, history, np.array(np.linalg.solve(base, matrix), dtype=float)
-            bodily = self.exponential_jacobian(rigid, motion[:nv])
-            matrix, base, scale, _ = self._matrix(configuration, bodily, torque, ways, case, row, idle)
+            exact = not self.linkage and here.largest <= EXACT
+            if here.largest <= TOLERANCE and (last <= POLISHED or exact):
+                if np.abs(here.unclosed).max(initial=0.0) > ALIGNED:
+                    raise self.true.unclosed(case.q, here.unclosed)
+                return rigid, here.motion, here.torque, tuple(history)
+            bodily = self.exponential_jacobian(here.motion)
+            matrix, _, scale, _ = self._matrix(here.configuration, bodily, here.torque, here.ways, case, row, idle)
+            left = here.left.copy()
             left[t : t + p] /= scale
             try:
                 step = np.linalg.solve(matrix, left)
             except np.linalg.LinAlgError:
                 raise ConvergenceError("the tangent is singular: the arm is about to buckle", history) from None
-            last = float(np.abs(step[: t + p]).max(initial=0.0))
-            step *= min(1.0, LONGEST / max(last, 1e-300))
-            motion = motion.copy()
-            motion[given] -= step[:t]
-            motion[free] -= step[t : t + p]
-            forces = forces - step[t + p :] * scale
-        raise ConvergenceError("the equilibrium of the mechanism did not converge", history)
+            # Of a chain a step is halved until the residual shrinks or is given up; that of a loop that closes nowhere
+            # does not. exp6 wraps around at a turn of pi, and a step must not get there.
+            before, start, share = here, here.motion, 1.0
+            share = min(1.0, LONGEST / max(float(np.abs(step[: t + p]).max(initial=0.0)), 1e-300))
+            for _ in range(HALVINGS):
+                motion, pushed = start.copy(), forces - share * scale * step[t + p :]
+                motion[self.given] -= share * step[:t]
+                motion[self.flex.free_v] -= share * step[t : t + p]
+                here = self._residual(case, row, load, rigid, motion, pushed, idle)
+                if self.linkage or here.largest < before.largest or before.largest < ROUNDING:
+                    break
+                share *= 0.5
+            forces, last = pushed, share * float(np.abs(step[: t + p]).max(initial=0.0))
+        raise ConvergenceError(f"the equilibrium did not converge{under}", history)
+
+    def _residual(
+        self,
+        case: LoadCase,
+        row: Row,
+        load: Callable[[Array], Array],
+        rigid: Array,
+        motion: Array,
+        forces: Array,
+        idle: Array,
+    ) -> _Residual:
+        """Return what is left of the equations of the head of this file; pins move as their laws say."""
+        nv, places, rows = self.model.nv, self.flex.flexure_v, self.tied.rows
+        t, p = len(self.given), len(self.flex.free_v)
+        configuration = self.flexed(rigid, motion)
+        tree = load(configuration)
+        gaps, ways = self.true.gaps(case.q, configuration)
+        torque, law = np.concatenate([tree + ways.T @ forces, -rows.T @ forces]), np.zeros(self.flex.size)
+        law[places] = self.stack.twists(-torque[places], row)
+        unclosed, motion = gaps - rows @ law[nv:], np.append(motion[:nv], law[nv:])
+        spare = unclosed - idle @ (idle.T @ forces)
+        left = np.concatenate([motion[self.given] - law[self.given], torque[self.flex.free_v], spare])
+        sizes = np.abs(left)
+        sizes[t : t + p] /= max(1.0, float(np.abs(tree).max(initial=0.0)))
+        largest = float(sizes.max(initial=0.0))
+        return _Residual(
+            configuration, motion, torque, ways, unclosed, left, largest if np.isfinite(largest) else np.inf
+        )
 
     def _compliance(self, torque: Array, row: Row) -> Array:
         """Return the (6 n, 6 n) tangent of the laws."""
-        if self.laws.bent or self.laws.changing:
+        if not self.stack.constant:
             return self.stack.tangent(-torque[self.flex.flexure_v], row)
         if self._same is None:
             self._same = self.stack.tangent(np.zeros(len(self.flex.flexure_v)), row)
@@ -378,17 +490,15 @@ class Mechanism(Mechanics):
     def _matrix(
         self, configuration: Array, bodily: Array, torque: Array, ways: Array, case: LoadCase, row: Row, idle: Array
     ) -> tuple[Array, Array, float, Array]:
-        """Return the tangent, the same without loads, the force [N] that one is in both, and `Linear.turned`.
-
-        Closures and springs must have been placed.
-        """
+        """Return the tangent, the same without loads, the force [N] that one is in both, and `Linear.turned`."""
         given, free, nv = self.given, self.flex.free_v, self.model.nv
-        tangent = self._compliance(torque, row)
+        tangent, turned = self._compliance(torque, row), self.stiffness(configuration, case, -torque[nv:])
+        t, p, m = len(given), len(free), len(ways)
+        if not self.linkage:
+            return np.eye(t) + tangent @ turned[np.ix_(given, given)] @ bodily, np.eye(t), 1.0, turned
         own = self._of_tree_places
         compliance, closing = tangent[np.ix_(own, own)], self._closing(tangent)
-        turned = self.stiffness(configuration, case, -torque[nv:])
         scale = 1.0 / max(float(np.abs(tangent).max(initial=0.0)), 1e-9)
-        t, p, m = len(given), len(free), len(ways)
         base, loads = np.zeros((t + p + m,) * 2), np.zeros((t + p + m,) * 2)
         base[:t, :t] = np.eye(t)
         base[:t, t + p :] = scale * compliance @ ways[:, given].T
@@ -410,6 +520,8 @@ class Mechanism(Mechanics):
 
     def idle(self, case: LoadCase, row: Row, rigid: Array | None = None) -> Array:
         """Return (m, k) directions of the gaps that no passive joint, flexure or pin answers to where it is rigid."""
+        if not self.linkage:
+            return np.zeros((0, 0))
         gaps, ways = self.true.gaps(case.q, self.rigid_configuration(case.q) if rigid is None else rigid)
         yields, soft = self._ways_to_give(row)
         reached = np.concatenate([ways[:, self.flex.free_v], ways[:, self.given].dot(yields), soft], axis=1)
@@ -421,7 +533,7 @@ class Mechanism(Mechanics):
 
     def _ways_to_give(self, row: Row) -> tuple[Array, Array]:
         """Return bases of the motions that flexures in the tree have, and of the gaps that pins and cylinders have."""
-        if self._yielding is None or self.laws.bent or self.laws.changing:
+        if self._yielding is None or not self.stack.constant:
             tangent, own = self._compliance(np.zeros(self.flex.size), row), self._of_tree_places
             self._yielding = _range(tangent[np.ix_(own, own)]), _range(self._closing(tangent))
         return self._yielding
@@ -460,7 +572,7 @@ class Mechanism(Mechanics):
         Arguments are as of `linear`.
         """
         matrix, base, *_ = self._about(configuration, motion, torque, case, row)
-        return np.array(np.linalg.solve(base, matrix), dtype=float)
+        return np.array(np.linalg.solve(base, matrix), dtype=float) if self.linkage else matrix
 
     def _about(
         self, configuration: Array, motion: Array, torque: Array, case: LoadCase, row: Row, idle: Array | None = None
@@ -468,8 +580,7 @@ class Mechanism(Mechanics):
         """Return what `_matrix` does where the mechanism rests, and `Linear.ways` and `bodily`."""
         idle = self.idle(case, row) if idle is None else idle
         ways = self.true.gaps(case.q, configuration)[1]
-        self.tied.sprung()
-        bodily = self.exponential_jacobian(self.flex.neutral, motion[: self.model.nv])
+        bodily = self.exponential_jacobian(motion)
         return *self._matrix(configuration, bodily, torque, ways, case, row, idle), ways, bodily
 
     def held(self, configuration: Array, case: LoadCase, torque: Array) -> Array:
@@ -477,54 +588,120 @@ class Mechanism(Mechanics):
         tree = self.load(case)(configuration)
         return tree - self.tied.place(configuration)[1].T @ (self.tied.rows @ torque[self.model.nv :])
 
+    def lengths(self, configuration: Array) -> Array:
+        """Return (n_cylinders,) lengths between the pins [m]."""
+        return self.tied.place(configuration)[0][self.true.lengths]
+
+    def stiffness(self, configuration: Array, case: LoadCase, forces: Array | None = None) -> Array:
+        """Return the (nv, nv) change of the torque per body motion of joints and flexures: the geometric stiffness.
+
+        Args:
+            configuration: Of the flexible model.
+            case: What acts.
+            forces: (6 K,) in the closures' slots; None for none.
+        """
+        model, data, loads, (v, a) = self.model, self.data, (*case.wrenches, *self.pulls), self._velocities(case)
+        pushed = self._forces(configuration, loads)
+        total = np.array(pin.computeRNEADerivatives(model, data, configuration, v, a, pushed)[0])
+        for load in loads:
+            # What the load adds by changing in its link's axes when the link moves.
+            frame = self._frames[load.frame]
+            jacobian = frame_jacobian(model, data, configuration, frame, pin.LOCAL)
+            pose = self.frame_pose(configuration, frame)
+            local, turn = _in_axes_of(pose, load), np.kron(np.eye(2), pose.rotation)
+            change = turn.T @ load.change(pose.homogeneous) @ turn
+            change[:, 3:] += np.vstack([pin.skew(local.linear), pin.skew(local.angular)])
+            total -= jacobian.T @ change @ jacobian
+        if self.tied:
+            self.tied.place(configuration)
+            self.tied.sprung()
+            total += self.tied.stiffness(np.zeros(6 * len(self.tied.names)) if forces is None else forces)
+        return total
+
+    def exponential_jacobian(self, motion: Array) -> Array:
+        """Return the (6 t, 6 t) right Jacobian of exp6 at the tree's twists: body motion per change of coordinates."""
+        whole = pin.dIntegrate(self.model, self.flex.neutral, motion[: self.model.nv], pin.ArgumentPosition.ARG1)
+        return whole[np.ix_(self.given, self.given)]
+
+    def tip_jacobian(self, configuration: Array) -> Array:
+        """Return the (6, nv) motion of the tip origin in base axes per body motion of joints and flexures."""
+        return frame_jacobian(self.model, self.data, configuration, self.flex.tip, BASE_AXES)
+
+    def displacement(self, configuration: Array, q: Array) -> Array:
+        """Return the (6,) displacement of the tip from where the rigid arm has it at (nq,) positions [m, rad]."""
+        here, there = self.frame_pose(configuration, self.flex.tip), self.rigid_tip_pose(q)
+        turned = pin.log3(here.rotation @ there.rotation.T)
+        return np.concatenate([here.translation - there.translation, turned])
+
+    def frame_pose(self, configuration: Array, frame: int) -> pin.SE3:
+        """Return a frame's pose in the base."""
+        pin.forwardKinematics(self.model, self.data, configuration)
+        return pin.updateFramePlacement(self.model, self.data, frame).copy()
+
+    def rigid_tip_pose(self, q: Array) -> pin.SE3:
+        """Return the tip's pose of the rigid arm at joint positions (nq,), as the controller knows it."""
+        pin.forwardKinematics(self.rigid.model, self._rigid_data, self.nominal.configuration(q, self.nominal.closed(q)))
+        return pin.updateFramePlacement(self.rigid.model, self._rigid_data, self.rigid.tip).copy()
+
+    def link_poses(self, configuration: Array) -> dict[str, Array]:
+        """Return the (4, 4) pose of every link at and beyond the base."""
+        pin.framesForwardKinematics(self.model, self.data, configuration)
+        return {link: self.data.oMf[frame].homogeneous for link, frame in self._frames.items()}
+
     def _velocities(self, case: LoadCase) -> Array:
-        """See `Mechanics`; joints without a drive keep the loops closed, nothing giving. Closures are placed there."""
-        full = super()._velocities(case._replace(v=None, a=None))
-        if not case.moves:
+        """Return (2, nv) velocities and accelerations; joints without a drive keep the loops closed, nothing giving."""
+        full = np.zeros((2, self.model.nv))
+        rates = [np.zeros(len(case.q)) if given is None else np.asarray(given) for given in (case.v, case.a)]
+        for into, own in zip(full, rates, strict=True):
+            into[self.flex.v_index] = own[: len(self.flex.v_index)]
+        if not (self.linkage and case.moves):
             return full
         rigid, free = self.rigid_configuration(case.q), self.flex.free_v
         ways, moved = self.true.gaps(case.q, rigid)[1], np.zeros(len(self.tied.rows))
-        for into, rates in zip(full, (case.v, case.a), strict=True):
-            own = np.zeros(len(case.q)) if rates is None else np.asarray(rates)
-            into[self.flex.v_index] = own[: len(self.flex.v_index)]
+        for into, own in zip(full, rates, strict=True):
             opened = ways @ into + moved
             opened[self.true.lengths] -= own[len(self.flex.v_index) :]
             into[free] = -_solved(ways[:, free], opened)
             if case.v is not None:  # what the gaps' change with velocity adds to that with acceleration
                 size = DIFFERENCE / max(float(np.abs(full[0]).max()), 1e-300)
-                ends = [self.tied.place(integrate(self.model, rigid, side * size * full[0]))[1] for side in (1.0, -1.0)]
-                moved = (ends[0] - ends[1]) @ full[0] / (2.0 * size)
+                sides = (pin.integrate(self.model, rigid, side * size * full[0]) for side in (1.0, -1.0))
+                ahead, back = (self.tied.place(side)[1] for side in sides)
+                moved = (ahead - back) @ full[0] / (2.0 * size)
         return full
 
-    def _stiffness_of_tree(self, configuration: Array, case: LoadCase) -> Array:
-        """See `Mechanics`; closures and springs stay placed."""
-        total = super()._stiffness_of_tree(configuration, case)
-        if case.moves:
-            self.true.gaps(case.q, configuration)
-            self.tied.sprung()
-        return total
+    def _forces(self, configuration: Array, loads: Sequence[Load]) -> pin.StdVec_Force:
+        """Return the external force on every Pinocchio joint, in its local frame."""
+        forces = pin.StdVec_Force()
+        forces.extend([pin.Force.Zero()] * self.model.njoints)
+        if loads:
+            pin.forwardKinematics(self.model, self.data, configuration)
+        for load in loads:
+            frame = self._frames[load.frame]
+            owner = self.model.frames[frame]
+            local = _in_axes_of(pin.updateFramePlacement(self.model, self.data, frame), load)
+            forces[owner.parentJoint] = forces[owner.parentJoint] + owner.placement.act(local)
+        return forces
 
-    def lengths(self, configuration: Array) -> Array:
-        """Return (n_cylinders,) lengths between the pins [m]."""
-        return self.tied.place(configuration)[0][self.true.lengths]
+    def joint_loads(self, configuration: Array, case: LoadCase, torque: Array) -> Array:
+        """Return the (nq, 6) wrench on the structure at every joint, in the joint's child frame [N, Nm].
 
-    def _controlled(self, q: Array) -> Array:
-        """See `Mechanics`; the loops are closed."""
-        return self.nominal.configuration(q, self.nominal.closed(q))
-
-    def joint_loads(self, configuration: Array, case: LoadCase, torque: Array | None = None) -> Array:
-        """See `Mechanics`; of a cylinder its tension along x."""
-        assert torque is not None
+        Of a cylinder it is its tension along x. `torque` is (size,), see `rest`.
+        """
         v, a = self._velocities(case)
         forces, slots = self._forces(configuration, (*case.wrenches, *self.pulls)), -torque[self.model.nv :]
-        self.true.gaps(case.q, configuration)
-        self.tied.sprung()
-        self.tied.push(slots, forces)
-        rnea(self.model, self.data, configuration, v, a, forces)
-        driven = [
-            int(np.flatnonzero([joint.idx_v == at for joint in self.model.joints])[0]) for at in self.flex.v_index
-        ]
-        found = [-self.data.f[joint].vector for joint in driven]
+        if self.tied:
+            self.tied.place(configuration)
+            self.tied.sprung()
+            self.tied.push(slots, forces)
+        pin.rnea(self.model, self.data, configuration, v, a, forces)
+        joints = {joint.idx_v: joint.id for joint in self.model.joints if joint.nv}
+        found = [-self.data.f[joints[at]].vector for at in self.flex.v_index.tolist()]
         first = len(self.linkage.loops)
         pulled = [np.array([slots[6 * (first + k)], 0, 0, 0, 0, 0.0]) for k in range(len(self.linkage.cylinders))]
         return np.array([*found, *pulled]).reshape(-1, 6)
+
+
+def _in_axes_of(pose: pin.SE3, load: Load) -> pin.Force:
+    """Return a load in the axes of its link."""
+    wrench = load.at(pose.homogeneous)
+    return pin.Force(pose.rotation.T @ wrench[:3], pose.rotation.T @ wrench[3:])

@@ -30,7 +30,6 @@ from armflex.errors import Flag, InputError, UnstableEquilibriumError
 from armflex.laws import Row
 from armflex.mechanics.equilibrium import Equilibrium
 from armflex.mechanics.loaded import Names
-from armflex.mechanics.mechanism import Mechanism
 from armflex.mechanics.pinocchio_model import frame_jacobian
 from armflex.result import Result
 
@@ -118,7 +117,7 @@ def modes_of(found: Equilibrium, count: int, damping: float | None, driven: bool
         raise InputError("the arm declares no flexure: it is rigid, and does not swing")
     arm.robot.check_motion()
     configuration = mechanics.flexed(found.rigid, found.motion)
-    torque = found.torque if found.torque is not None else mechanics.load(case)(configuration)
+    torque = found.torque
     row = loaded.row(case.q, case.covariates)
     compliance = arm.stack.tangent(-torque[places], row)
     whole = pin.crba(mechanics.model, mechanics.data, configuration)
@@ -129,15 +128,10 @@ def modes_of(found: Equilibrium, count: int, damping: float | None, driven: bool
         both[:6, own], both[6:] = 0.0, np.eye(both.shape[1])[own]
         whole += both.T @ more @ both
     root, owner = _root(compliance)
-    allowed = _of_mechanism if isinstance(mechanics, Mechanism) else _of_chain
-    turned, right, left, (free, bent), softened, by_drive = allowed(found, configuration, torque, root, row)
+    turned, right, left, (free, bent), softened, by_drive = _allowed(found, configuration, root, row)
     stiffness, mass = left.T @ softened @ right, left.T @ whole @ right
-    if free is None or bent is None:
-        stiffness.flat[:: len(stiffness) + 1] += 1.0
-        inverse, ways = _slowest(stiffness, mass, count)
-    else:
-        inverse, ways = _slowest(bent.T @ free + stiffness, mass, count)
-        ways = free @ ways
+    inverse, ways = _slowest(bent.T @ free + stiffness, mass, count)
+    ways = free @ ways
     motion = (root @ ways).T  # (m, 6 n)
     tip = motion @ turned.T @ mechanics.tip_jacobian(configuration).T
     shift, turn = np.linalg.norm(tip[:, :3], axis=1), np.linalg.norm(tip[:, 3:], axis=1)
@@ -162,30 +156,15 @@ def modes_of(found: Equilibrium, count: int, damping: float | None, driven: bool
     return Modes(frequencies, ratios, tip, twists, masses, 0.5 * shares, names, flags, momenta, drives)
 
 
-Allowed = tuple[Array, Array, Array, tuple[Array | None, Array | None], Array, Callable[[Array], Array]]
+Allowed = tuple[Array, Array, Array, tuple[Array, Array], Array, Callable[[Array], Array]]
 """(nv, 6 n) body motion of everything per twist of the flexures; (nv, k) of it per coordinate of laws that nothing
-forbids, by twists and by body motions of the flexures; bases of those coordinates, None of all; (nv, nv) geometric
+forbids, by twists and by body motions of the flexures; bases of those coordinates; (nv, nv) geometric
 stiffness; and from (6 n, nq) changes of laws with the drives to the (nv, nq) motion of everything with them."""
 
 
-def _of_chain(found: Equilibrium, configuration: Array, torque: Array, root: Array, row: Row) -> Allowed:
-    mechanics, places = found.loaded.mechanics, found.loaded.mechanics.flex.flexure_v
-    softened, nv = mechanics.stiffness(configuration, found.case), mechanics.model.nv
-    turned, left = np.zeros((nv, len(places))), np.zeros((nv, root.shape[1]))
-    turned[places], left[places] = mechanics.exponential_jacobian(found.rigid, found.motion), root
-
-    def by_drive(change: Array) -> Array:
-        compliance, drives = root @ root.T, np.eye(len(softened))[:, mechanics.flex.v_index]
-        given = change - compliance @ softened[np.ix_(places, mechanics.flex.v_index)]
-        return drives + turned @ np.linalg.solve(np.eye(len(places)) + compliance @ softened[places] @ turned, given)
-
-    return turned, turned @ root, left, (None, None), softened, by_drive
-
-
-def _of_mechanism(found: Equilibrium, configuration: Array, torque: Array, root: Array, row: Row) -> Allowed:
-    """Return the same with closed loops: joints without a drive follow, and what they cannot follow is forbidden."""
-    mechanics, case = found.loaded.mechanics, found.case
-    assert isinstance(mechanics, Mechanism)
+def _allowed(found: Equilibrium, configuration: Array, root: Array, row: Row) -> Allowed:
+    """Return what loops allow: joints without a drive follow, and what they cannot follow is forbidden."""
+    mechanics, case, torque = found.loaded.mechanics, found.case, found.torque
     flex, nv, idle = mechanics.flex, mechanics.model.nv, mechanics.idle(case, row)
     linear = mechanics.linear(configuration, found.motion, torque, case, row, idle)
     tree, count = flex.flexure_v < nv, len(flex.flexure_v)

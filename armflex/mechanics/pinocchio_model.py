@@ -1,19 +1,14 @@
-"""A robot as Pinocchio models it, rigid or with a free-flyer wherever it may give, and what the models are asked.
+"""A robot as Pinocchio models it, rigid or with a free-flyer wherever it may give.
 
 The models are built joint by joint from the validated data rather than from edited URDF text: every position is one
 number (Pinocchio reads a continuous joint as a cosine and a sine), numbers are parsed once, and joints keep the
 chain's order. `tests/referee/test_robot.py` holds the result against Pinocchio's own URDF reader.
-
-Asked are the loads on the flexures, how they change, and where the tip is. Everything is in the generalized velocities
-of the flexible model: a motion has the twists of the flexures, exponential coordinates, among zeros for the joints, and
-a torque is minus the loads that deform them. So nothing is gathered where an equilibrium is found.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -21,28 +16,12 @@ import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.errors import UnsupportedError
-from armflex.mechanics.laws import LawStack, PlacedLaws
-from armflex.mechanics.spring import Spring
-from armflex.mechanics.ties import Ties
 from armflex.robot import Corrections, Robot, Site
-from armflex.robot.linkage import Linkage
 from armflex.robot.urdf import MOVING, Joint
-from armflex.rows.wrench import Wrench, same_objects, wrenches_in
+from armflex.rows.wrench import Wrench, wrenches_in
 
-gravity, static_torque, rnea, integrate = (
-    pin.computeGeneralizedGravity,
-    pin.computeStaticTorque,
-    pin.rnea,
-    pin.integrate,
-)
-place_frames, place_joints = pin.framesForwardKinematics, pin.forwardKinematics
-log3, dot, BASE_AXES = pin.log3, np.dot, pin.LOCAL_WORLD_ALIGNED
-
-BASE = np.eye(4)
+BASE_AXES = pin.LOCAL_WORLD_ALIGNED
 NOTHING_KNOWN: Mapping[str, Array] = {}
-
-TERMS = 20
-"""Of the series of exp6's derivative, which ends below rounding for turns of a radian."""
 
 MAX_FREEDOMS = 1000
 """Joints and six times the flexures; Pinocchio's workspace grows with the cube of it (3500 take 22 s to make)."""
@@ -241,253 +220,3 @@ class LoadCase(NamedTuple):
         v, a = (None if values is None else values[rows] for values in (self.v, self.a))
         known = {name: values[rows] if np.ndim(values) else values for name, values in self.covariates.items()}
         return LoadCase(self.q[rows], v, a, wrenches_in(self.wrenches, rows), known)
-
-
-class Mechanics:
-    """One thread's Pinocchio of an arm with its payload, rigid and flexible; never to be shared between threads."""
-
-    def __init__(
-        self,
-        rigid: FlexModel,
-        flex: FlexModel,
-        stack: LawStack,
-        pulls: Sequence[Load] = (),
-        springs: Sequence[Spring] = (),
-        linkage: Linkage | None = None,
-        moved: Mapping[str, Array] | None = None,
-    ) -> None:
-        self.rigid, self.flex, self.pulls, self.linkage = rigid, flex, tuple(pulls), linkage or Linkage()
-        self.model, self.data, self._rigid_data = flex.model, flex.model.createData(), rigid.model.createData()
-        self.ties = Ties(self.model, self.data, self.linkage, springs, moved) if springs or linkage else None
-        self.solver: tuple[tuple[Any, ...], Any] | None = None  # of `loop_rows`, which keeps them here
-        self.trees: tuple[Any, Any, Any] | None = None
-        self.laws = PlacedLaws(stack, flex.flexure_v.reshape(-1, 6), flex.size)
-        self._frames = {link: flex.frame(link) for link in flex.links}
-        self._carriers: dict[str, tuple[int, Array, Array]] = {}
-        # Views into Pinocchio's own memory: to ask for them costs more than to compute what they show.
-        self._turns = [self.data.oMi[at].rotation.T.reshape(9) for at in range(self.model.njoints)]
-        self.weight = partial(gravity, self.model, self.data)
-        self.flexures = np.ix_(flex.flexure_v, flex.flexure_v)
-        tip, rigid_tip = self.data.oMf[flex.tip], self._rigid_data.oMf[rigid.tip]
-        self._shift, self._turn = tip.translation, tip.rotation
-        self._last = (), self._loaded((), static_torque)
-        self._rigid_shift, self._rigid_turn = rigid_tip.translation, rigid_tip.rotation.T
-
-    def rigid_configuration(self, q: Array) -> Array:
-        """Return the flexible model's configuration with the joints at (nq,) positions and every flexure at zero."""
-        configuration = self.flex.neutral.copy()
-        configuration[self.flex.q_index] = q
-        return configuration
-
-    def flexed(self, rigid: Array, motion: Array) -> Array:
-        """Return the configuration with the flexures at exp6 of the twists in a (nv,) motion."""
-        return integrate(self.model, rigid, motion)
-
-    def load(self, case: LoadCase) -> Callable[[Array], Array]:
-        """Return the map from configurations to (nv,) generalized torques that hold the arm [N, Nm].
-
-        They are what parents exert on children: minus the loads that deform.
-        """
-        load = self._of_tree(case)
-        return load if self.ties is None else partial(self._sprung, load)
-
-    def _of_tree(self, case: LoadCase) -> Callable[[Array], Array]:
-        """Return the same without springs."""
-        moves = case.v is not None or case.a is not None
-        if not (moves or case.wrenches or self.pulls):
-            return self.weight
-        if moves:
-            v, a = self._velocities(case)
-            return self._loaded(case.wrenches, partial(_accelerated, v, a))
-        if not same_objects(self._last[0], case.wrenches):
-            self._last = case.wrenches, self._loaded(case.wrenches, static_torque)
-        return self._last[1]
-
-    def _sprung(self, load: Callable[[Array], Array], configuration: Array) -> Array:
-        """Return the torque that holds an arm with springs."""
-        assert self.ties is not None
-        torque = load(configuration)
-        pin.computeJointJacobians(self.model, self.data, configuration)
-        return torque + self.ties.sprung()[1]
-
-    def spring_states(self, configuration: Array) -> Array:
-        """Return (n_springs, 2) of lengths [m] and tensions [N]."""
-        if self.ties is None:
-            return np.empty((0, 2))
-        pin.computeJointJacobians(self.model, self.data, configuration)
-        return self.ties.sprung()[0]
-
-    def _loaded(self, wrenches: tuple[Wrench, ...], hold: Callable[..., Array]) -> Callable[[Array], Array]:
-        """Return the map for what holds the arm under forces on Pinocchio's joints, in their axes."""
-        model, data, forces = self.model, self.data, pin.StdVec_Force()
-        forces.extend([pin.Force.Zero()] * model.njoints)
-        # What follows its link stands in the joint's axes; of what is dead the joint's rotation is a factor.
-        standing: dict[int, Array] = {}
-        dead: dict[int, Array] = {}
-        posed = []
-        for load in (*wrenches, *self.pulls):
-            at, by_turn, by_link = self._carriers.get(load.frame) or self._carrier(load.frame)
-            if load.follows:
-                standing[at] = standing.get(at, 0.0) + load.at(BASE).dot(by_link)
-            elif load.dead:
-                dead[at] = dead.get(at, 0.0) + load.at(BASE).dot(by_turn)
-            else:
-                posed.append((load, self._frames[load.frame], forces[at].vector))
-                dead.setdefault(at, np.zeros(54))
-        for at, force in standing.items():
-            forces[at].vector[:] = force
-        turning = [
-            (part.reshape(6, 9), self._turns[at], standing.get(at), forces[at].vector) for at, part in dead.items()
-        ]
-        if not turning:
-            return lambda configuration: hold(model, data, configuration, forces)
-
-        def loaded(configuration: Array) -> Array:
-            place_joints(model, data, configuration)
-            for per_turn, turn, same, here in turning:
-                dot(per_turn, turn, here)
-                if same is not None:
-                    here += same
-            for load, frame, here in posed:
-                pose = pin.updateFramePlacement(model, data, frame)
-                here += model.frames[frame].placement.act(_in_axes_of(pose, load)).vector
-            return hold(model, data, configuration, forces)
-
-        return loaded
-
-    def _carrier(self, link: str) -> tuple[int, Array, Array]:
-        """Return the Pinocchio joint of a link, and what makes a wrench on it a force on that, in its axes.
-
-        (6, 54) by which a wrench in base axes is to be multiplied for the force per entry of the joint's rotation, by
-        columns, and (6, 6) for one in axes of the link.
-        """
-        frame = self.model.frames[self._frames[link]]
-        lever, lines = pin.skew(frame.placement.translation), np.eye(6).reshape(6, 2, 3)
-        turned = [[np.kron(np.eye(3), part) for part in line] for line in lines]
-        by_turn = np.array([np.vstack([force, moment + lever @ force]).ravel() for force, moment in turned])
-        self._carriers[link] = found = frame.parentJoint, by_turn, frame.placement.inverse().action
-        return found
-
-    def stiffness(self, configuration: Array, case: LoadCase, forces: Array | None = None) -> Array:
-        """Return the (nv, nv) change of the torque per body motion of joints and flexures: the geometric stiffness.
-
-        Args:
-            configuration: Of the flexible model.
-            case: What acts.
-            forces: (6 K,) in the closures' slots, where these and the springs are placed already; None without them.
-        """
-        total = self._stiffness_of_tree(configuration, case)
-        if self.ties is not None:
-            if forces is None:  # else they are placed already
-                self.ties.place(configuration)
-                self.ties.sprung()
-            total += self.ties.stiffness(np.zeros(0) if forces is None else forces)
-        return total
-
-    def _stiffness_of_tree(self, configuration: Array, case: LoadCase) -> Array:
-        model, data, loads = self.model, self.data, (*case.wrenches, *self.pulls)
-        if not (loads or case.moves):
-            return np.array(pin.computeGeneralizedGravityDerivatives(model, data, configuration))
-        forces, (v, a) = self._forces(configuration, loads), self._velocities(case)
-        total = np.array(pin.computeRNEADerivatives(model, data, configuration, v, a, forces)[0])
-        for load in loads:
-            # What the load adds by changing in its link's axes when the link moves.
-            frame = self._frames[load.frame]
-            jacobian = frame_jacobian(model, data, configuration, frame, pin.LOCAL)
-            pose = self.frame_pose(configuration, frame)
-            local, turn = _in_axes_of(pose, load), np.kron(np.eye(2), pose.rotation)
-            change = turn.T @ load.change(pose.homogeneous) @ turn
-            change[:, 3:] += np.vstack([pin.skew(local.linear), pin.skew(local.angular)])
-            total -= jacobian.T @ change @ jacobian
-        return total
-
-    def exponential_jacobian(self, rigid: Array, motion: Array) -> Array:
-        """Return the (6 n, 6 n) right Jacobian of exp6 at the twists: body motion per change of coordinates."""
-        return pin.dIntegrate(self.model, rigid, motion, pin.ArgumentPosition.ARG1)[self.flexures]
-
-    def tip_jacobian(self, configuration: Array) -> Array:
-        """Return the (6, nv) motion of the tip origin in base axes per body motion of joints and flexures."""
-        return frame_jacobian(self.model, self.data, configuration, self.flex.tip, BASE_AXES)
-
-    def displacement(self, configuration: Array, q: Array) -> Array:
-        """Return the (6,) displacement of the tip from where the rigid arm has it at (nq,) positions [m, rad]."""
-        place_frames(self.model, self.data, configuration)
-        place_frames(self.rigid.model, self._rigid_data, self._controlled(q))
-        found = np.empty(6)
-        np.subtract(self._shift, self._rigid_shift, found[:3])
-        found[3:] = log3(self._turn.dot(self._rigid_turn))
-        return found
-
-    def _controlled(self, q: Array) -> Array:
-        """Return the rigid model's configuration at (nq,) positions, where the controller knows it to be."""
-        return q
-
-    def frame_pose(self, configuration: Array, frame: int) -> pin.SE3:
-        """Return a frame's pose in the base."""
-        pin.forwardKinematics(self.model, self.data, configuration)
-        return pin.updateFramePlacement(self.model, self.data, frame).copy()
-
-    def rigid_tip_pose(self, q: Array) -> pin.SE3:
-        """Return the tip's pose of the rigid arm at joint positions (nq,)."""
-        pin.forwardKinematics(self.rigid.model, self._rigid_data, self._controlled(q))
-        return pin.updateFramePlacement(self.rigid.model, self._rigid_data, self.rigid.tip).copy()
-
-    def link_poses(self, configuration: Array) -> dict[str, Array]:
-        """Return the (4, 4) pose of every link at and beyond the base."""
-        place_frames(self.model, self.data, configuration)
-        return {link: self.data.oMf[frame].homogeneous for link, frame in self._frames.items()}
-
-    def joint_loads(self, configuration: Array, case: LoadCase) -> Array:
-        """Return the (nq, 6) wrench on the structure at every joint, in the joint's child frame [N, Nm]."""
-        forces, (v, a) = self._forces(configuration, (*case.wrenches, *self.pulls)), self._velocities(case)
-        if self.ties is not None:
-            self._sprung(self.weight, configuration)
-            self.ties.push(np.zeros(0), forces)
-        rnea(self.model, self.data, configuration, v, a, forces)
-        return np.array([-self.data.f[self.model.getJointId(name)].vector for name in self.rigid.model.names[1:]])
-
-    def _velocities(self, case: LoadCase) -> Array:
-        """Return (2, nv) velocities and accelerations."""
-        full = np.zeros((2, self.model.nv))
-        for into, values in zip(full, (case.v, case.a), strict=True):
-            if values is not None:
-                into[self.flex.v_index] = values
-        return full
-
-    def _forces(self, configuration: Array, loads: Sequence[Load]) -> pin.StdVec_Force:
-        """Return the external force on every Pinocchio joint, in its local frame."""
-        forces = pin.StdVec_Force()
-        forces.extend([pin.Force.Zero()] * self.model.njoints)
-        for load in loads:
-            frame = self._frames[load.frame]
-            owner = self.model.frames[frame]
-            local = _in_axes_of(self.frame_pose(configuration, frame), load)
-            forces[owner.parentJoint] = forces[owner.parentJoint] + owner.placement.act(local)
-        return forces
-
-
-def _accelerated(v: Array, a: Array, *asked: Any) -> Array:
-    """Return the torque that holds a moving arm under forces on its joints."""
-    model, data, configuration, forces = asked
-    return rnea(model, data, configuration, v, a, forces)
-
-
-def _in_axes_of(pose: pin.SE3, load: Load) -> pin.Force:
-    """Return a load in the axes of its link."""
-    wrench = load.at(pose.homogeneous)
-    return pin.Force(pose.rotation.T @ wrench[:3], pose.rotation.T @ wrench[3:])
-
-
-def exponential_jacobian(twists: Array) -> Array:
-    """Return the (..., 6, 6) body motion per change of (..., 6) exponential coordinates; Pinocchio's is good to 7e-9.
-
-    The series `sum (-ad)^k / (k + 1)!` of the right Jacobian of SE(3) (Barfoot, State Estimation for Robotics, 7.83).
-    """
-    turning, found = np.zeros((*twists.shape, 6)), np.eye(6)
-    for place in ((0, 0), (1, 1), (0, 1)):
-        vector = twists[..., 3:] if place[0] == place[1] else twists[..., :3]
-        skew = np.cross(vector[..., None, :], np.eye(3)).swapaxes(-1, -2)
-        turning[..., 3 * place[0] : 3 * place[0] + 3, 3 * place[1] : 3 * place[1] + 3] = skew
-    for k in range(TERMS, 0, -1):
-        found = np.eye(6) - turning @ found / (k + 1)
-    return found

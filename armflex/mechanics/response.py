@@ -33,7 +33,7 @@ from armflex.mechanics.many_rows import (
     Solution,
     by_payload,
 )
-from armflex.mechanics.mechanism import Mechanism
+from armflex.mechanics.mechanism import Rest
 from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.parallel import in_pieces, in_threads
 from armflex.rows.wrench import Wrench, check_rows
@@ -149,14 +149,12 @@ class Response:
     def equilibrium(self, row: int) -> Equilibrium:
         """Return how the arm rests in one row, as one that is asked by itself."""
         part = next(one for one in self._parts if row in one.rows)
-        mechanics, case = part.loaded.mechanics, self.case.some(row)
+        case = self.case.some(row)
         case = case._replace(wrenches=tuple(one.under(part.loaded.robot.gravity) for one in case.wrenches))
         if part.loaded.arm.robot.linkage:
             return find_equilibrium(part.loaded, case, allow_large=True)
-        motion = np.zeros(mechanics.model.nv)
-        motion[mechanics.flex.flexure_v] = self.flexure_twists[row]
-        rigid = mechanics.rigid_configuration(self.row.q[row])
-        return Equilibrium(part.loaded, case, rigid, motion, None, "newton", ())
+        rest = Rest(np.zeros(6), self._twists[row], self.flexure_wrenches[row])
+        return Equilibrium(part.loaded, case, *part.loaded.mechanics.at_rest(case.q, rest), "fixed_point")
 
     def site(self, name: str) -> Array:
         """Return the (N, 6, 6) motion of the tip per body twist at a site."""
@@ -282,9 +280,7 @@ def _solved_loops(
 
     rested = solver.rest(case.q, row, alone)
     for i, one in others.items():
-        mechanics, idle = loaded.mechanics, np.zeros((0, 0))
-        if isinstance(mechanics, Mechanism):
-            idle = mechanics.idle(one.case, loaded.row(one.case.q, one.case.covariates))
+        idle = loaded.mechanics.idle(one.case, loaded.row(one.case.q, one.case.covariates))
         solver.fill(rested, i, one.rigid, one.motion, one.torque, idle)
     found, laws = Solution.empty(len(rows), len(loaded.arm.sites)), RowLaws(loaded.arm.stack, row)
     found.twists[:], found.wrenches[:] = rested.twists, rested.loads
@@ -301,5 +297,4 @@ def _rest(loaded: LoadedArm, case: LoadCase, some: np.ndarray, into: Solution, a
     places = loaded.flex.flexure_v
     for i in some.tolist():
         one = find_equilibrium(loaded, case.some(i), "newton", allow_large)
-        assert one.torque is not None  # where stability was checked
         into.twists[i], into.wrenches[i] = one.motion[places].reshape(-1, 6), -one.torque[places].reshape(-1, 6)

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -170,11 +171,18 @@ class Ties:
         for k, part in enumerate(parts):
             self.rows[at : at + len(part), 6 * k : 6 * k + 6] = part
             at += len(part)
-        carriers = [set(model.supports[joint]) for joint in range(model.njoints)]
-        owner = [joint.id for joint in list(model.joints)[1:] for _ in range(joint.nv)]
-        # Which velocities carry the column of which: those of a joint carry each other.
-        self._before = np.array([[b in carriers[a] for b in owner] for a in owner], dtype=float)
         self._signs = [one.ends[1].moved - one.ends[0].moved for one in (*self.joined, *self.sprung_rods)]
+
+    def __bool__(self) -> bool:
+        """Whether there are any."""
+        return bool(self.names or self.springs)
+
+    @cached_property
+    def _before(self) -> Array:
+        """(nv, nv) 1 where a velocity carries the column of another: those of a joint carry each other."""
+        carriers = [set(self.model.supports[joint]) for joint in range(self.model.njoints)]
+        owner = [joint.id for joint in list(self.model.joints)[1:] for _ in range(joint.nv)]
+        return np.array([[b in carriers[a] for b in owner] for a in owner], dtype=float)
 
     def place(self, configuration: Array) -> tuple[Array, Array]:
         """Return (m,) gaps of what is closed, cylinders' being their lengths, and (m, nv) their change per body motion.

@@ -22,14 +22,7 @@ from armflex import Arm, Payload, Wrench
 from armflex.mechanics.equilibrium import Equilibrium, find_equilibrium
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.mechanism import Mechanism
-from armflex.mechanics.pinocchio_model import (
-    BASE_AXES,
-    LoadCase,
-    build_model,
-    exponential_jacobian,
-    frame_jacobian,
-    place_frames,
-)
+from armflex.mechanics.pinocchio_model import BASE_AXES, LoadCase, build_model, frame_jacobian
 from armflex.robot import Site
 
 
@@ -115,7 +108,7 @@ def _probed(loaded: LoadedArm) -> tuple:
             own.append(replace(place, name=f"probe:{place.name}"))
     flex = build_model(robot, own, loaded.payload.body, arm.corrections)
     at_sites = flex.flexure_v.reshape(-1, 6)[numbers].ravel()
-    return loaded._mechanics(replace(flex, flexure_v=flex.flexure_v[: 6 * len(arm.sites)])), at_sites
+    return loaded.mechanism(replace(flex, flexure_v=flex.flexure_v[: 6 * len(arm.sites)])), at_sites
 
 
 def _row(loaded: LoadedArm, probed, probed_v: np.ndarray, found: Equilibrium, tangent: np.ndarray, case: LoadCase):
@@ -125,7 +118,7 @@ def _row(loaded: LoadedArm, probed, probed_v: np.ndarray, found: Equilibrium, ta
     flexures, linkage = flex.flexure_v, loaded.arm.robot.linkage
     n, motion = len(flexures), np.zeros(flex.size)
     motion[flexures] = found.motion[own.flexure_v]
-    if isinstance(probed, Mechanism):
+    if linkage:
         configuration, answers, loads = _closed(loaded, probed, found, motion, case)
     else:
         configuration = probed.flexed(probed.rigid_configuration(case.q), motion)
@@ -139,7 +132,7 @@ def _row(loaded: LoadedArm, probed, probed_v: np.ndarray, found: Equilibrium, ta
         by_load[among] = by_law[flexures] @ law
         answers = by_law, by_load, none, none, turned, none.T
     weighed = pin.computeTotalMass(model) * pin.jacobianCenterOfMass(model, data, configuration).reshape(3, nv).T
-    place_frames(model, data, configuration)
+    pin.framesForwardKinematics(model, data, configuration)
     poses = np.array([data.oMf[frame].homogeneous for frame in ends])
     jacobians = np.array([frame_jacobian(model, data, configuration, frame, BASE_AXES) for frame in ends])
     # A pin bears what its closure does.
@@ -160,3 +153,19 @@ def _closed(loaded: LoadedArm, probed: Mechanism, found: Equilibrium, motion: np
     by_pin = -linear.by_load @ turned - linear.by_gap @ opened
     by_gap, ways = linear.by_gap @ linear.rows, linear.rows.T @ linear.ways
     return configuration, (linear.by_law, linear.by_load, by_gap, by_pin, linear.turned, ways), -torque
+
+
+def exponential_jacobian(twists: np.ndarray) -> np.ndarray:
+    """Return the (..., 6, 6) body motion per change of (..., 6) exponential coordinates; Pinocchio's is good to 7e-9.
+
+    The series `sum (-ad)^k / (k + 1)!` of the right Jacobian of SE(3) (Barfoot, State Estimation for Robotics, 7.83),
+    which ends below rounding for turns of a radian.
+    """
+    turning, found = np.zeros((*twists.shape, 6)), np.eye(6)
+    for place in ((0, 0), (1, 1), (0, 1)):
+        vector = twists[..., 3:] if place[0] == place[1] else twists[..., :3]
+        skew = np.cross(vector[..., None, :], np.eye(3)).swapaxes(-1, -2)
+        turning[..., 3 * place[0] : 3 * place[0] + 3, 3 * place[1] : 3 * place[1] + 3] = skew
+    for k in range(20, 0, -1):
+        found = np.eye(6) - turning @ found / (k + 1)
+    return found

@@ -41,7 +41,7 @@ _CALLS: dict[str, tuple[type | None, list[type]]] = {
     "engine_level": (c_int, []),
     "engine_room": (_WHOLE, [_POINTER]),
     "engine_rest_room": (_WHOLE, [_POINTER, _WHOLE]),
-    "engine_one": (c_int, [_POINTER] * 5),
+    "engine_one": (c_int, [_POINTER] * 6),
     "engine_chain": (_WHOLE, [_POINTER, _WHOLE, _POINTER, _WHOLE, _WHOLE, *[_POINTER] * 5]),
     "engine_rest": (_WHOLE, [_POINTER, _WHOLE, _POINTER, _WHOLE, _WHOLE, *[_POINTER] * 4]),
     "engine_respond": (None, [_POINTER, _WHOLE, *[_POINTER] * 7]),
@@ -262,7 +262,7 @@ class Engine:
 
 
 class OneRow:
-    """The engine with one chain in a control loop: positions in, twists and displacement out, in memory of its own."""
+    """The engine with one chain in a control loop: positions in, where it rests out, in memory of its own."""
 
     def __init__(self, tree: Tree, laws: Laws, bounds: Array, factors: Factors | None, known: Array) -> None:
         engine, n = Engine(tree), len(tree.flexures)
@@ -272,21 +272,23 @@ class OneRow:
         if factors is not None:
             engine._tables.set_factors(factors, known)
         engine._tables.set_bounds(bounds)
-        self._q, self._twists, self._displacement = np.zeros(tree.driven), np.zeros((n, 6)), np.zeros(6)
-        self._ask = engine._library.engine_one
+        self._q, self._found, self._shape = np.zeros(tree.driven), np.zeros(6 + 12 * n), (n, 6)
+        self._parts = self._found[:6], self._found[6 : 6 + 6 * n], self._found[6 + 6 * n :]
+        self._ask, self._end = engine._library.engine_one, 6 + 6 * n
 
     def set_loads(self, links: np.ndarray, wrenches: Array) -> None:
         """Give the loads on links; wrenches may be changed in their place."""
         self._engine.set_loads(links, wrenches, NO_CHANGES, 1)
         self._held = self._engine._work()
-        self._where = (self._engine._arm, *addresses((self._q, self._displacement, self._twists, self._held)))
+        self._where = (self._engine._arm, *addresses((self._q, *self._parts, self._held)))
 
-    def __call__(self, q: Array) -> tuple[Array, Array] | None:
-        """Return (n, 6) twists and (6,) displacement at (d,) positions, None where the fixed point does not answer."""
+    def __call__(self, q: Array) -> tuple[Array, Array, Array] | None:
+        """Return (6,) displacement, (n, 6) twists and loads at (d,) positions, None where there is no fixed point."""
         self._q[:] = q
         if not self._ask(*self._where):
             return None
-        return self._twists.copy(), self._displacement.copy()
+        found, end = self._found.copy(), self._end
+        return found[:6], found[6:end].reshape(self._shape), found[end:].reshape(self._shape)
 
 
 class OneRest:

@@ -1899,7 +1899,7 @@ int engine_level(void)
 #endif
 }
 
-int engine_one(const arm *a, const double *q, double *displacement, double *twists, double *room)
+int engine_one(const arm *a, const double *q, double *displacement, double *twists, double *loads, double *room)
 {
     unsigned char fine = 0;
     for (whole j = 0; j < a->driven; j++) {
@@ -1907,7 +1907,7 @@ int engine_one(const arm *a, const double *q, double *displacement, double *twis
             return 0;
         }
     }
-    (void)chain_one(a, 1, q, 1, displacement, NULL, twists, &fine, room);
+    (void)chain_one(a, 1, q, 1, displacement, loads, twists, &fine, room);
     return fine;
 }
 #endif /* CONTROLLER */

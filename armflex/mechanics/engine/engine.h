@@ -82,7 +82,7 @@ whole engine_size(void); /* of an arm in bytes */
 whole engine_room(const arm *a);
 whole engine_rest_room(const arm *a, whole rank); /* of all but chains, by the coordinates of laws */
 int engine_level(void);  /* 1 where the processor has what x86-64-v3 asks for */
-int engine_one(const arm *a, const double *q, double *displacement, double *twists, double *room);
+int engine_one(const arm *a, const double *q, double *displacement, double *twists, double *loads, double *room);
 whole engine_chain(const arm *a, whole rows, const double *q, whole exact, whole lanes, double *displacement,
                    double *loads, double *twists, unsigned char *fine, double *room);
 void engine_tips(const arm *a, whole rows, const double *q, double *poses, double *room);

@@ -304,20 +304,15 @@ def posable(arm: Arm, shown: Deflection, factor: float, when: str = "") -> dict[
         apart = [np.linalg.inv(rigid[link]) @ other[link] for link in links]
         return np.array([[*pose[:3, 3], *pin.log3(pose[:3, :3])] for pose in apart])
 
-    def asked(q: Array) -> Deflection:
-        case = shown.case
-        columns = dict(case.covariates)
-        return arm.deflection(q, shown.payload, covariates=columns, wrenches=case.wrenches, enforce_limits=False)
-
-    now, sliders = flexed(shown), []
+    now, sliders, case = flexed(shown), [], shown.case
+    asked: dict[str, Any] = {"covariates": dict(case.covariates), "wrenches": case.wrenches, "enforce_limits": False}
     for i, joint in enumerate(robot.moving):
         low, high = np.clip([joint.lower, joint.upper], -SLIDERS, SLIDERS)
         samples, table = np.linspace(min(low, shown.q[i]), max(high, shown.q[i]), SAMPLES), []
         for position in samples:
-            q = shown.q.copy()
-            q[i] = position
+            q = np.where(np.arange(len(shown.q)) == i, position, shown.q)
             try:
-                table.append(flexed(asked(q)))
+                table.append(flexed(arm.deflection(q, shown.payload, **asked)))
             except ArmflexError:
                 table.append(now)
         pose = rigid[joint.child]

@@ -384,7 +384,6 @@ def test_what_holds_at_every_equilibrium(crooked_robot, q, mass, softness, seed)
         np.testing.assert_allclose(twist, compliance @ wrench, atol=1e-12)
         assert np.linalg.norm(wrench[:3]) == pytest.approx((outboard + mass) * G, rel=1e-12)
         assert wrench @ twist > 0.0
-    assert result.residuals[-1] <= 1e-12
     steps = arm.deflection(q, payload=Payload(mass, [0.1, 0.05, 0.0]), method="newton").residuals
     assert steps[-1] <= 1e-12 and len(steps) <= 6
 

