@@ -544,7 +544,11 @@ def _questions(flexures: tuple[Flexure, ...], robot: Robot, stated: Sequence[str
 
 
 def write_arm(
-    arm: Arm, campaign: Campaign, path: Path, effects: Sequence[dict[str, Any]] = (), unfinished: bool = False
+    arm: Arm,
+    campaign: Campaign,
+    path: Path,
+    effects: Sequence[tuple[dict[str, Any], str]] = (),
+    unfinished: bool = False,
 ) -> Path:
     """Write the arm.toml that declares an arm, comments and all, with what a fit found and the effects it added.
 
@@ -552,7 +556,7 @@ def write_arm(
         arm: As fitted; see `calibration_table`.
         campaign: What it was fitted to.
         path: The arm.toml to write; files named in it are named relative to its folder.
-        effects: Tables of what was found beyond what was declared, see `effect_table`.
+        effects: Tables of what was found beyond what was declared, see `effect_table`, each with a remark.
         unfinished: Whether the search for them was ended at once.
 
     Raises:
@@ -575,7 +579,7 @@ def write_arm(
             table["earlier"] = True
     if effects and "effect" not in document:
         document.append("effect", tomlkit.aot())
-    for effect in effects:
+    for effect, remark in effects:
         table = tomlkit.table()
         for key, value in effect.items():
             if isinstance(value, dict):  # a table of its own stands on one line
@@ -583,6 +587,8 @@ def write_arm(
                 line.update(value)
                 value = line
             table.append(key, value)
+        if remark:
+            table["name"].comment(remark)
         document["effect"].append(table)
     for distribution, least in requires_of(document.unwrap()).items():
         document.setdefault("requires", tomlkit.table())[distribution] = least

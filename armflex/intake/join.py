@@ -59,6 +59,7 @@ from armflex.intake.streams import (
     held,
     is_dense,
     is_sampled,
+    nearest,
     never_there,
     offset,
     paired,
@@ -1008,24 +1009,23 @@ def _joined(
     if at is not None and of is not None and timed and equal and len(targets) == 1:
         unlike = bool((np.argsort(at, kind="stable") != np.argsort(of, kind="stable")).any())
     if timed and at is not None and of is not None and (recorded or not equal or other or resorted or unlike):
-        row_of, shifts, apart = {}, [], []
+        row_of, shifts, apart, spare = {}, [], [], list[int]()
         for target, rows in rows_of.items():
             base, seconds = (log.spans, of[rows]) if export.spans is None else (export.spans, at)
-            if base is None:
-                step = [
-                    float(np.median(np.diff(np.sort(stamps)))) if len(stamps) > 1 else 1.0 for stamps in (at, of[rows])
-                ]
-                base = np.sort(at)[:, None] + 0.5 * min(step) * np.array([-1.0, 1.0])
-            order = np.arange(count) if log.spans is not None or export.spans is not None else np.argsort(at)
-            spans, shift = paired(base, seconds)
+            try:
+                places, shift = nearest(at, seconds) if base is None else paired(base, seconds)
+            except InputError as error:
+                raise TableError(Place(export.path), f"{error}") from None
             shifts.append(shift)
             if export.spans is not None:
-                row_of[target] = spans
+                row_of[target] = places
                 continue
             row = np.full(count, -1)
-            for i, span in zip(rows, spans, strict=True):
-                if span >= 0 and row[order[span]] < 0:
-                    row[order[span]] = i
+            for i, place in zip(rows, places, strict=True):
+                if place >= 0 and row[place] < 0:
+                    row[place] = i
+                else:
+                    spare.append(export.lines[i])
             row_of[target] = row
             apart += np.abs(of[row[row >= 0]] - shift - at[row >= 0]).tolist()
         if any((row >= 0).any() for row in row_of.values()):
@@ -1033,6 +1033,7 @@ def _joined(
             notes = [f"the clocks are {off:+.2f} s apart, as most {what}s then fall on a row"] if off else []
             empty = sum(all(row[i] < 0 for row in row_of.values()) for i in range(count))
             notes += [f"{empty} rows have no {what} at their time"] if empty else []
+            notes += [f"{len(spare)} {what}s of {export.path.name} belong to no row ({_lines(spare)})"] if spare else []
             how = f"by time{several}" + (f", {float(np.median(apart)):.3g} s apart" if apart else "")
             return row_of, names, how, notes
     header = [

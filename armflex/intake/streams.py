@@ -30,6 +30,12 @@ FASTEST = 15.0
 WRAPS = 0.3
 """A step within so much [rad] of a full turn is a controller's that counts within one."""
 
+NEAR = 0.25
+"""Tolerance: by which part of the time between two rows a point may be off the time after its row that is usual."""
+
+TRIED = 40
+"""Differences of two clocks that are tried, those between most pairs of a row and a point."""
+
 HELD = 10
 """Rows that are equal to the last digit: fewer are chance."""
 
@@ -321,6 +327,53 @@ def paired(spans: Array, times: Array) -> tuple[np.ndarray, float]:
         return placed(0.0), 0.0
     shift = float(np.median(good))
     return placed(shift), shift
+
+
+def nearest(rows: Array, points: Array) -> tuple[np.ndarray, float]:
+    """Return (M,) which row each point is of, -1 for none, and the difference of their clocks [s] that was found.
+
+    A point belongs to the row that is nearest to it, as far from it as the points usually are. Clocks are as they are
+    where points are then near their rows; else at the difference at which most rows have a point, equally far.
+
+    Args:
+        rows: (N,) times [s] of rows that are no recording, in any order.
+        points: (M,) times [s] of single readings.
+
+    Raises:
+        InputError: Several differences do equally well.
+    """
+    order = np.argsort(rows, kind="stable")
+    ordered = rows[order]
+    step = float(np.median(np.diff(ordered))) if len(rows) > 1 else 1.0
+    middles, room = 0.5 * (ordered[1:] + ordered[:-1]), NEAR * step
+
+    def placed(shift: float) -> tuple[np.ndarray, float, int, float]:
+        near = np.searchsorted(middles, points - shift)
+        left = points - shift - ordered[near]
+        usual = float(np.median(left))
+        within = np.abs(left - usual) <= room
+        spread = float(np.median(np.abs(left - usual)[within])) if within.any() else np.inf
+        return np.where(within, order[near], -1), usual, len(set(near[within].tolist())), spread
+
+    most = min(len(rows), len(points))
+    assigned, usual, count, _ = placed(0.0)
+    if abs(usual) <= room and count > 0.9 * most:
+        return assigned, 0.0
+    apart = (points[:, None] - ordered).ravel()
+    tried = list[float]()
+    for start in (0.0, 0.5):
+        _, bins, counts = np.unique(np.floor(apart / room + start), return_inverse=True, return_counts=True)
+        tried += [float(np.median(apart[bins == i])) for i in np.argsort(counts)[::-1][:TRIED]]
+    best, *others = sorted(((-count, spread, shift) for shift in tried for _, _, count, spread in (placed(shift),)))
+    if -best[0] <= 0.9 * most:
+        return (assigned, 0.0) if abs(usual) <= room else (np.full(len(points), -1), 0.0)
+    rival = next((shift for count, spread, shift in others
+                  if abs(shift - best[2]) > room and count == best[0] and spread <= 2.0 * best[1] + 0.05 * step),
+                 None)  # fmt: skip
+    if rival is not None:
+        text = f"their clocks may be {best[2]:+.4g} s or {rival:+.4g} s apart, as rows are {step:.4g} s apart evenly"
+        raise InputError(f"{text}: which point is of which row is not certain, give both the same names")
+    return placed(best[2])[0], best[2]
 
 
 def _gridded(time: Array, values: Array) -> tuple[Array, Array]:

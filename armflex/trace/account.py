@@ -33,11 +33,11 @@ from armflex.trace.findings import (
     unexplained,
 )
 from armflex.trace.hypotheses import Hypothesis
-from armflex.trace.probabilities import CREDIBLE, Credible, bagged, competing
+from armflex.trace.probabilities import CREDIBLE, Bagged, Credible, bagged, competing
 from armflex.trace.resampling import RESAMPLES, Resampled, parted_by, resampled
-from armflex.trace.screen import ALMOST, UNIT_MOTION
+from armflex.trace.screen import ALMOST, UNIT_MOTION, Dense
 from armflex.trace.search import Standing, exchanged, is_full, linear, refitted, spots, standing
-from armflex.trace.selection import BETTER, SCALES, climbed, without
+from armflex.trace.selection import BETTER, SCALES, Model, climbed, without
 from armflex.trace.state import State, lost_of, refit, sorted_out
 from armflex.trace.unrecorded import RandomTwist
 from armflex.trace.validate import Folds, Validated, sessions_held_out, validated
@@ -67,25 +67,21 @@ def weighed(here: Standing) -> Weighed:
 
     Where something else is likelier in the place of an effect, the arm is fitted with that, and the better is kept.
     """
-    full = is_full(here)
     while True:
         state = here.state
         state.reporter.stage("weighing what else the effects may be")
         evidence = competing(here.screen, here.model)
         model, folds = evidence.here(here.model), Folds(evidence, pose_folds(state.groups))
         resamples = resampled(evidence, model, parted_by(state), folds)
-        posterior = bagged(evidence, model, resamples.times[: RESAMPLES // 5])  # enough for what is surely nothing
-        if not any(one.nothing > CREDIBLE for one in posterior.credible[:-1]):
-            posterior = bagged(evidence, model, resamples.times)
-        found, visited = posterior.credible, posterior.visited
-        doubted = [one for one, seen in zip(here.model, found, strict=False) if seen.is_doubtful]
-        if doubted:  # each fit takes seconds where more is missing than can be named: there the likeliest is tried
-            models, tried = map(evidence.there, {climbed(evidence, model)} if full else visited), len(here.rejected)
-            known, unlikely = spots(here.screen, here.model), spots(here.screen, tuple(doubted))
-            after = exchanged(here, [one for one in models if any((known - spots(here.screen, one)) & unlikely)])
-            if after is not None or (len(here.rejected) > tried and not full):
-                here = here if after is None else after
-                continue
+        for times in (resamples.times[: RESAMPLES // 5], resamples.times):  # few are enough for what is sure
+            posterior = bagged(evidence, model, times)
+            found = posterior.credible
+            after = _with_likelier(here, evidence, model, posterior)
+            if after is not None or any(one.nothing > CREDIBLE for one in found[:-1]):
+                break
+        if after is not None:
+            here = after
+            continue
         gone = [i for i, one in enumerate(found[:-1]) if one.is_gone]
         if not gone:
             here.screen.forget()
@@ -105,6 +101,22 @@ def weighed(here: Standing) -> Weighed:
         if after is None:
             raise ConvergenceError("the arm with nothing added does not come to rest, or its fit does not settle", ())
         here = replace(standing(after, here), rejected=[*here.rejected, spots(here.screen, here.model)])
+
+
+def _with_likelier(here: Standing, evidence: Dense, model: Model, posterior: Bagged) -> Standing | None:
+    """Return the state with something else in the place of an effect that is less likely than it; None if none is.
+
+    Itself where some were tried and came out worse, which they are charged with from then on.
+    """
+    doubted = [one for one, seen in zip(here.model, posterior.credible, strict=False) if seen.is_doubtful]
+    if not doubted:
+        return None
+    full, tried = is_full(here), len(here.rejected)
+    # Each fit takes seconds where more is missing than can be named: there the likeliest is tried.
+    models = map(evidence.there, {climbed(evidence, model)} if full else posterior.visited)
+    known, unlikely = spots(here.screen, here.model), spots(here.screen, tuple(doubted))
+    after = exchanged(here, [one for one in models if any((known - spots(here.screen, one)) & unlikely)])
+    return here if after is None and len(here.rejected) > tried and not full else after
 
 
 def settled_exactly(here: Standing) -> Standing:

@@ -53,6 +53,7 @@ class Averaged:
         errors: (M, n) of what is read foremost on poses held out, everything chosen and fitted without them [m]; None
             where none were.
         share: Weight of what was found and of families, 1 less that of the calibrated arm.
+        shares: Of the models that have each rival.
     """
 
     state: State
@@ -61,6 +62,7 @@ class Averaged:
     spread: Array
     errors: Array | None = None
     share: float = 1.0
+    shares: tuple[float, ...] = ()
 
     @property
     def blocks(self) -> tuple[Block, ...]:
@@ -161,7 +163,7 @@ def averaged(state: State, evidence: Dense, own: Model, drawn: Sequence[Drawn]) 
     step[places] = samples.mean(axis=0) - begun
     blocks = (*fit.blocks, *rivals)
     values = moved(blocks, np.concatenate([fit.values, np.zeros(count - len(fit.values))]), step)
-    return Averaged(state, rivals, values, whole)
+    return Averaged(state, rivals, values, whole, shares=tuple(shares[number] / len(drawn) for number in kept))
 
 
 def beside_calibrated(average: Averaged, folds: Folds, resamples: Resampled) -> Averaged:

@@ -420,6 +420,8 @@ class Trace(Result):
     def write(self, path: str | Path) -> Path:
         """Write the declared arm.toml with its comments, [calibration], and an [[effect]] for everything found.
 
+        A comment says of each whether it is named, of a family, or a rival that a part of the models has.
+
         What effects change in the model or the instrument is in their tables alone, so nothing is applied twice. What
         a search had accepted that was ended at once is marked `unfinished` in [calibration].
 
@@ -433,7 +435,12 @@ class Trace(Result):
         assert self.arm.certainty is not None
         fit, state = self.state.fit, self.state
         campaign = Campaign(state.measurements.sha256, len(self.rows), self.rms, state.measurements.clock)
-        effects = [effect_table(one, std) for one, std in self.predicted.stated(self.arm.certainty)]
+        tables = [effect_table(one, std) for one, std in self.predicted.stated(self.arm.certainty)]
+        remarks = [f"named, {one.probability:.0%}" if one.is_named else f"{one.probability:.0%}" for one in self.found]
+        remarks = remarks or [""] * len(state.effects)
+        remarks += [f"of the family: {name}" for name in state.background.of[: len(state.background.effects)]]
+        remarks += [f"in {share:.0%} of the models that are averaged" for share in self.predicted.shares]
+        effects = list(zip(tables, remarks, strict=True))
         setup = realise(fit.declared, state.blocks, self.predicted.values)  # effects are written by themselves
         arm = replace(with_posteriors(setup.arm, fit, self.arm.certainty), instrument=setup.instrument)
         return write_arm(arm, campaign, Path(path), effects, self.unfinished)

@@ -138,6 +138,46 @@ def test_clocks_outweigh_the_order_of_rows(tmp_path: Path) -> None:
     assert found.columns["x"] == pytest.approx(1e-3 * np.arange(1, 7))
 
 
+UNEVEN = np.cumsum(np.random.default_rng(1).uniform(20.0, 60.0, COUNT))
+EVEN = 60.0 * np.arange(COUNT)
+
+
+def timed(folder: Path, at: np.ndarray, of: np.ndarray, order: Sequence[int]) -> list[Path]:
+    """Write a log of poses at times [s], and points at others, of the rows in an order."""
+    rows = "".join(f"{t:.2f},{i + 1},-90\n" for i, t in enumerate(at))
+    (folder / "log.csv").write_text(f"time [s],J1 [deg],J2 [deg]\n{rows}")
+    points = "".join(f"{of[i]:.2f},{i + 1},0,5\n" for i in order)
+    (folder / "export.csv").write_text(f"time [s],X [mm],Y [mm],Z [mm]\n{points}")
+    return [folder / "log.csv", folder / "export.csv"]
+
+
+@pytest.mark.parametrize(
+    "order",
+    [[0, 1, *range(3, COUNT)], range(1, COUNT), range(COUNT - 1), range(COUNT - 1, -1, -1)],
+    ids=["one lost", "first lost", "last lost", "reversed"],
+)
+@pytest.mark.parametrize(("at", "after"), [(UNEVEN, 2.0), (UNEVEN, 37.0), (UNEVEN, 3602.0), (EVEN, 2.0)])
+def test_a_point_is_of_the_row_before_it_whatever_the_clock(
+    tmp_path: Path, at: np.ndarray, after: float, order: Sequence[int]
+) -> None:
+    found = intake(timed(tmp_path, at, at + after, order), 5e-5)
+    x = [float(cell) if cell != "" else None for cell in found.columns["x"]]
+    assert x == [pytest.approx(1e-3 * (i + 1)) if i in order else None for i in range(COUNT)]
+
+
+def test_even_rows_of_which_an_end_is_lost_are_of_no_certain_point(tmp_path: Path) -> None:
+    with pytest.raises(TableError, match=r"clocks may be \+36.2 s or \+36.2 s apart, as rows are 60 s apart evenly"):
+        intake(timed(tmp_path, EVEN, EVEN + 3602.0, range(1, COUNT)), 5e-5)
+
+
+def test_a_second_point_of_a_row_is_said(tmp_path: Path) -> None:
+    paths = timed(tmp_path, UNEVEN, UNEVEN + 2.0, range(COUNT))
+    paths[1].write_text(paths[1].read_text() + f"{UNEVEN[3] + 3.0:.2f},4.1,0,5\n")
+    found = intake(paths, 5e-5)
+    assert found.columns["x"] == pytest.approx(1e-3 * np.arange(1, COUNT + 1))
+    assert any("1 points of export.csv belong to no row (line 14)" in note for note in found.notes)
+
+
 def test_keys_are_those_of_most_rows() -> None:
     found = paired_names(["P01", "P02", "P10"], ["P1", "P2", "P10"])
     assert found is not None and found.rows == found.points and not found.numbered

@@ -164,6 +164,12 @@ def test_the_written_arm_predicts_rows_that_were_not_used(ran, truth: Truth) -> 
     assert np.sqrt((error**2).mean()) < 0.5e-3 * np.sqrt(3.0) * 0.5
 
 
+def test_the_written_arm_says_which_of_its_effects_are_named(ran) -> None:
+    report = strict_json(ran[0] / "t.json")
+    named = [line for line in (ran[0] / "traced.toml").read_text().splitlines() if "# named, " in line]
+    assert [line.split('"')[1] for line in named] == [one["effect"] for one in report["effects"] if one["named"]]
+
+
 def test_what_was_fitted_is_uncertain_in_deflect_and_check_too(ran, armflex: Run) -> None:
     arm = quietly(ran[0] / "traced.toml")
     certain, q, known = without_declared_uncertainty(arm), arm.position(J2=0.3), {}
