@@ -202,7 +202,7 @@ def responded(
         at = np.concatenate([end.numbers[0], np.zeros(3), end.places[0, :1]])
     loose, forces, idle = state or (np.zeros((count, 0)), np.zeros((count, 0)), np.zeros((count, 0, 0)))
     rests = np.ascontiguousarray(q), loose, np.ascontiguousarray(twists), forces, idle
-    engine, asked = Engine(tree), "at_sites" if what == "sites" else what
+    engine, asked = Engine.of(tree, count), "at_sites" if what == "sites" else what
     engine.set_loads(*pushed, count)
     engine.respond(asked, found, frames.places, frames.numbers, at, rests, tangents, by_load, distance, behind)
     return found
@@ -297,22 +297,22 @@ class RowSolver:
             laws: Of the arm at these rows, or others: what follows is then about those.
             into: To be filled.
         """
-        q, engine = np.ascontiguousarray(row.q), Engine(self._chain)
+        q = np.ascontiguousarray(row.q)
         if laws.curved or self.pushes.posed:
-            fine = self._in_rounds(engine, q, laws, into)
+            fine = self._in_rounds(q, laws, into)
         else:
-            fine = self._run(engine, q, laws, self.pushes.wrenches(q), into)
+            fine = self._run(q, laws, self.pushes.wrenches(q), into)
         if self._nominal is not None:
             true, nominal = tips_of(self._chain, q), tips_of(self._nominal, q)
             into.displacement[:] = displaced_from(into.displacement, true, nominal)
         return fine
 
-    def _in_rounds(self, engine: Engine, q: Array, laws: RowLaws, into: Solution) -> np.ndarray:
+    def _in_rounds(self, q: Array, laws: RowLaws, into: Solution) -> np.ndarray:
         pushed = self.pushes.wrenches(q)
-        self._run(engine, q, laws, pushed, into, exact=False)  # for the loads on the rigid arm
+        self._run(q, laws, pushed, into, exact=False)  # for the loads on the rigid arm
         if laws.curved:
             laws.expand(into.wrenches)
-        fine, converged = self._run(engine, q, laws, pushed, into), np.zeros(len(q), dtype=bool)
+        fine, converged = self._run(q, laws, pushed, into), np.zeros(len(q), dtype=bool)
         for _ in range(ROUNDS):
             # What is too large is left alone: here it would only make numbers that overflow.
             twists, wrenches = (np.where(fine[:, None, None], part, 0.0) for part in (into.twists, into.wrenches))
@@ -321,13 +321,11 @@ class RowSolver:
             converged |= (moved <= SETTLED) & (turned(before, pushed) <= SETTLED)
             if (converged | ~fine).all():
                 break
-            fine &= self._run(engine, q, laws, pushed, into)
+            fine &= self._run(q, laws, pushed, into)
         return fine & converged
 
-    def _run(
-        self, engine: Engine, q: Array, laws: RowLaws, pushed: Array, into: Solution, exact: bool = True
-    ) -> np.ndarray:
-        fine = np.empty(len(q), dtype=bool)
+    def _run(self, q: Array, laws: RowLaws, pushed: Array, into: Solution, exact: bool = True) -> np.ndarray:
+        fine, engine = np.empty(len(q), dtype=bool), Engine.of(self._chain, len(q))
         engine.set_laws(laws.numbers, len(q))
         engine.set_loads(self.pushes.links, pushed, NO_CHANGES, len(q))
         loads = into.wrenches if len(into.wrenches) or not len(q) else None
@@ -490,7 +488,7 @@ def rigid_tips(loaded: LoadedArm, q: Array) -> Array:
 def tips_of(chain: Tree, q: Array) -> Array:
     """Return the (N, 4, 4) poses of the tip of a rigid chain at (N, nq) joint positions."""
     found = np.empty((len(q), 4, 4))
-    Engine(chain).tips(np.ascontiguousarray(q), found)
+    Engine.of(chain, len(q)).tips(np.ascontiguousarray(q), found)
     return found
 
 

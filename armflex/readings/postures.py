@@ -92,6 +92,15 @@ class Postures:
 
     def end(self, name: str, of: str = "end") -> End:
         """Return where a sensor takes hold of the arm, or its "eye"; '' is the target that the instrument looks at."""
+        if (name, of) not in self._ends:
+            self._ends[name, of] = self._end(name, of)
+        return self._ends[name, of]
+
+    @cached_property
+    def _ends(self) -> dict[tuple[str, str], End]:
+        return {}
+
+    def _end(self, name: str, of: str) -> End:
         if not name:
             mounted = self.instrument.target_in(self.sessions), self.instrument.mounting_in(self.sessions)
             return End(None, self.pose(None), *mounted)

@@ -1,4 +1,4 @@
-"""First order, fixed point and Newton side by side at 3, 30 and 300 mm of sag, against a Pinocchio baseline.
+"""The engine and Newton's method side by side at 3, 30 and 300 mm of sag, against a Pinocchio baseline.
 
 python tests/benchmarks/equilibrium.py
 """

@@ -21,6 +21,7 @@ from armflex.mechanics.engine.tables import (
     REAL,
     RESTED,
     WHOLE,
+    ArmArraysError,
     AskedStruct,
     Factors,
     Laws,
@@ -34,6 +35,9 @@ from armflex.mechanics.engine.tables import (
 )
 
 NO_LINKS, NO_WRENCHES = np.zeros((0, 3), dtype=WHOLE), np.zeros((1, 0, 9))
+
+FEW = 16
+"""Rows whose laws and loads may be held for the next question."""
 
 _POINTER, _WHOLE = c_void_p, c_int64
 _CALLS: dict[str, tuple[type | None, list[type]]] = {
@@ -88,9 +92,21 @@ class Engine:
     def __init__(self, tree: Tree) -> None:
         self._library, self._tables, self._room = library(), Tables(tree), np.zeros(0)
         self._arm, self._tree, self._settled = addressof(self._tables.struct), tree, False
-        self._into, self._rested = (), RestStruct()
+        self._into, self._rested, self._places = (), RestStruct(), np.zeros((2, 0), dtype=WHOLE)
         self._tables.set_loads(NO_LINKS, NO_WRENCHES, NO_CHANGES, 1)
         assert self._library.engine_size() == len(bytes(self._tables.struct))
+
+    @classmethod
+    def of(cls, tree: Tree, rows: int) -> Engine:
+        """Return an engine with an arm for one question; for few rows this thread's, whose tables stay checked."""
+        if rows > FEW:
+            return cls(tree)
+        engine = getattr(tree.kept, "engine", None)
+        if engine is None:
+            engine = tree.kept.engine = cls(tree)
+        engine._tables.forget()
+        engine._settled = False
+        return engine
 
     def set_laws(self, laws: Laws, rows: int) -> None:
         """Give the laws of the flexures, for so many rows."""
@@ -199,11 +215,14 @@ class Engine:
             ("forces", forces, (m,)), ("idle", idle, (m, m)),
         ):  # fmt: skip
             checked(array, name, REAL, rows, *shape)
-        checked(places, "places", WHOLE, 2, f)
-        checked(numbers, "numbers", REAL, f, 12)
+        if places is not self._places:
+            checked(places, "places", WHOLE, 2, f)
+            _within(places.ravel(), "places", 0, len(tree.parents))
+            self._places = places
+        checked(numbers, "numbers", REAL, places.shape[1], 12)
         checked(end, "end", REAL, 16)
-        _within(places.ravel(), "places", 0, len(tree.parents))
-        _within(end[15:], "end", 0, len(tree.parents))
+        if not 0.0 <= end[15] < len(tree.parents):
+            raise ArmArraysError(f"end: expected an element of {len(tree.parents)}, got {end[15]}")
         self._check_behind(what, behind)
         asked = AskedStruct(
             end=address(end), frames=f, places=address(places), numbers=address(numbers), sites=sites,
@@ -248,6 +267,8 @@ class Engine:
     def _check_behind(self, what: str, behind: int) -> None:
         """Raise where there is not room for the closures and pins that C fills in behind the frames."""
         ties = self._tree.joins[:, 0]
+        if not len(ties):
+            return
         closures = int((ties < 6).sum())
         pins = 2 * int((ties < 5).sum())
         needed = closures + pins if what == "at_sites" else len(ties) if what == "loads" and len(self._tree.rows) else 0

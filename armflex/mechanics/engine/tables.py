@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from ctypes import Structure, c_int64, c_void_p
 from dataclasses import dataclass
 from functools import cached_property
+from threading import local
 from typing import NamedTuple
 
 import numpy as np
@@ -153,6 +154,11 @@ class Tree:
     def flexures_inboard(self, element: int) -> int:
         """Return how many flexures of a chain move an element."""
         return int((self.flexures <= element).sum())
+
+    @cached_property
+    def kept(self) -> local:
+        """What each thread keeps of it; see `Engine.of`."""
+        return local()
 
     @cached_property
     def struct(self) -> ArmStruct:
@@ -332,10 +338,10 @@ class Tables:
             _within(links[:, 0], "links", 0, len(self.tree.parents))
             _within(links[:, 1], "flexures inboard of links", 0, len(self.tree.flexures) + 1)
             struct.pushes = count
-        if wrenches is not kept.get("wrenches") or len(wrenches) > 1:
+        if wrenches is not kept.get("wrenches") or len(wrenches) != struct.wrench_rows or len(wrenches) > 1:
             self._point("wrenches", checked(wrenches, "wrenches", REAL, (1, rows), count, 9))
             struct.wrench_rows = len(wrenches)
-        if changes is not kept.get("changes") or len(changes) > 1:
+        if changes is not kept.get("changes") or len(changes) != struct.change_rows or len(changes) > 1:
             if len(changes):
                 checked(changes, "changes", REAL, (1, rows), count, 6, 6)
             self._point("changes", changes)
@@ -373,6 +379,11 @@ class Tables:
     def set_bounds(self, bounds: Array) -> None:
         """Point to (2, d) least and largest positions."""
         self._point("bounds", checked(bounds, "bounds", REAL, 2, self.tree.driven))
+
+    def forget(self) -> None:
+        """Forget for how many rows laws and loads are."""
+        struct, self._laws = self.struct, None
+        struct.law_rows = struct.weight_rows = struct.wrench_rows = struct.change_rows = 0
 
     def _point(self, name: str, array: np.ndarray) -> None:
         self._kept[name] = array
