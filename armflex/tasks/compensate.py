@@ -389,7 +389,7 @@ class _Solver:
         t, half = self.trajectory, len(rows) // 2
         if t.v is None and t.a is None and half:
             try:
-                return list(map(Trial, changes, *self.linearised(rows, changes, targets)))
+                return list[Trial | str](Trial.of(changes, *self.linearised(rows, changes, targets)))
             except NO_EQUILIBRIUM:  # which of them it is
                 parts = (slice(half), slice(half, None))
                 return [one for part in parts for one in self.answers(rows[part], changes[part], targets[part])]
@@ -397,7 +397,8 @@ class _Solver:
         for i, change, target in zip(rows.tolist(), changes, targets, strict=True):
             try:
                 trial = self.ask(i, t.q[i] + change)
-                alone.append(Trial(change, _error(trial.pose, target), trial.total_jacobian[: self.size]))
+                error, jacobian = _error(trial.pose, target), trial.total_jacobian[: self.size]
+                alone += Trial.of(change[None], error[None], jacobian[None])
             except NO_EQUILIBRIUM as error:
                 alone.append(f"equilibrium: {error}")
         return alone

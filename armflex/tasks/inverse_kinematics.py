@@ -40,11 +40,21 @@ NO_EQUILIBRIUM = (ConvergenceError, UnstableEquilibriumError, SmallDisplacementE
 
 @dataclass(frozen=True)
 class Trial:
-    """A change (nq,) of the joints, the (6,) error it leaves and the Jacobian (3 or 6, nq) of the part that counts."""
+    """A change (nq,) of the joints, the (6,) error it leaves and the Jacobian (3 or 6, nq) of the part that counts.
+
+    `axes` is the Jacobian's singular value decomposition.
+    """
 
     change: Array
     error: Array
     jacobian: Array
+    axes: tuple[Array, Array, Array]
+
+    @classmethod
+    def of(cls, change: Array, error: Array, jacobian: Array) -> list[Trial]:
+        """Return the trials of (M, nq) changes, with (M, 6) errors and (M, 3 or 6, nq) Jacobians."""
+        axes = zip(*np.linalg.svd(jacobian, full_matrices=False), strict=True)
+        return [cls(*trial) for trial in zip(change, error, jacobian, axes, strict=True)]
 
     @property
     def matched(self) -> Array:
@@ -60,12 +70,6 @@ class Trial:
     def sigma_min(self) -> float:
         """Smallest singular value of the Jacobian."""
         return float(self.axes[1][-1])
-
-    @cached_property
-    def axes(self) -> tuple[Array, Array, Array]:
-        """The Jacobian's singular value decomposition."""
-        left, values, right = np.linalg.svd(self.jacobian, full_matrices=False)
-        return left, values, right
 
 
 Search = Generator[Array, Trial | str, T]
@@ -181,7 +185,7 @@ class Corrector:
 
     def aim(self, point: Trial) -> Array:
         """Return the smallest change that solves the linearised problem as well as can be."""
-        return self.smallest(point.jacobian, point.change + self.step(point))
+        return self.smallest(point, point.change + self.step(point))
 
     def step(self, point: Trial) -> Array:
         """Return the bounded least-squares step against the error, damped where near singular.
@@ -197,10 +201,11 @@ class Corrector:
             return free
         return _damped(point.jacobian, -point.matched, damping, low, high)
 
-    def smallest(self, jacobian: Array, change: Array) -> Array:
+    def smallest(self, point: Trial, change: Array) -> Array:
         """Return the smallest change inside the box that moves the linearised tip as much as `change` does."""
-        scaled, start = jacobian * self.scale, change / self.scale
-        _, values, right = np.linalg.svd(scaled, full_matrices=False)
+        scaled, start = point.jacobian * self.scale, change / self.scale
+        even = bool((self.scale == 1.0).all())
+        _, values, right = point.axes if even else np.linalg.svd(scaled, full_matrices=False)
         rows = right[values > 1e-12 * values[0]]
         short = self.scale * (rows.T @ (rows @ start))
         if ((short >= self.low) & (short <= self.high)).all():

@@ -261,7 +261,8 @@ def linear(jacobian: np.ndarray, wanted: np.ndarray, low: np.ndarray, high: np.n
     change = next(search)
     while True:
         try:
-            change = search.send(Trial(change, np.concatenate([jacobian @ change - wanted, np.zeros(3)]), jacobian))
+            error = np.concatenate([jacobian @ change - wanted, np.zeros(3)])
+            change = search.send(Trial.of(change[None], error[None], jacobian[None])[0])
         except StopIteration as found:
             return (*found.value, corrector.calls)
 
