@@ -87,27 +87,27 @@ class Averaged:
 
     def stated(self, certainty: Certainty) -> list[tuple[Effect, dict[str, float]]]:
         """Return what is added with the standard uncertainty of its values by name, where that is known."""
-        found = []
+        stated = []
         for block, effect in zip(self.added, self.effects, strict=True):
-            known = certainty.among(block.parameters)
-            std = np.full(len(block.parameters), np.inf) if known is None else np.sqrt(np.diag(known))
-            own = block.std(self.values[places_of(block, self.blocks)], std)
-            found.append((effect, {name: size for name, size in own.items() if np.isfinite(size)}))
-        return found
+            covariance = certainty.among(block.parameters)
+            std = np.full(len(block.parameters), np.inf) if covariance is None else np.sqrt(np.diag(covariance))
+            sizes = block.std(self.values[places_of(block, self.blocks)], std)
+            stated.append((effect, {name: size for name, size in sizes.items() if np.isfinite(size)}))
+        return stated
 
-    def certainty(self, known: Certainty) -> Certainty:
+    def certainty(self, of_fit: Certainty) -> Certainty:
         """Return what is known of the values, from what a fit with what was found alone leaves behind."""
-        every = (*known.parameters, *parameters_of(self.rivals))
-        place = {one: i for i, one in enumerate(parameters_of(self.blocks))}
-        some = [i for i, one in enumerate(every) if one in place]
-        own = [place[every[i]] for i in some]
+        every = (*of_fit.parameters, *parameters_of(self.rivals))
+        place = {parameter: i for i, parameter in enumerate(parameters_of(self.blocks))}
+        shared = [i for i, parameter in enumerate(every) if parameter in place]
+        among_values = [place[every[i]] for i in shared]
         covariance = np.zeros((len(every),) * 2)
-        covariance[: len(known.parameters), : len(known.parameters)] = known.covariance
-        covariance[np.ix_(some, some)] += self.spread[np.ix_(own, own)]
-        directions = known.directions
+        covariance[: len(of_fit.parameters), : len(of_fit.parameters)] = of_fit.covariance
+        covariance[np.ix_(shared, shared)] += self.spread[np.ix_(among_values, among_values)]
+        directions = of_fit.directions
         if directions is not None:
-            directions = np.pad(directions, ((0, 0), (0, len(every) - len(known.parameters))))
-        return replace(known, parameters=every, covariance=covariance, directions=directions)
+            directions = np.pad(directions, ((0, 0), (0, len(every) - len(of_fit.parameters))))
+        return replace(of_fit, parameters=every, covariance=covariance, directions=directions)
 
 
 def alone(state: State) -> Averaged:
@@ -121,8 +121,8 @@ def averaged(state: State, evidence: Dense, own: Model, drawn: Sequence[Drawn]) 
 
     Rivals that are in fewer of them than `DOUBT` are predicted by what is fitted anyway, as far as that can.
     """
-    fit, mine = state.fit, [one.number for one in own]
-    shares = Counter(number for one in drawn for number in {each.number for each in one.model} - {*mine})
+    fit, mine = state.fit, [chosen.number for chosen in own]
+    shares = Counter(number for draw in drawn for number in {chosen.number for chosen in draw.model} - {*mine})
     kept = [number for number, count in shares.items() if count >= DOUBT * len(drawn)]
     rare = [number for number in shares if number not in kept]
     rivals = _blocks(state, evidence, kept)
@@ -131,24 +131,24 @@ def averaged(state: State, evidence: Dense, own: Model, drawn: Sequence[Drawn]) 
     slots = {number: slice(a, b) for number, a, b in zip((*mine, *kept, *rare), ends[:-1], ends[1:], strict=True)}
     amplitudes, within = np.zeros((len(drawn), ends[-1])), np.zeros((ends[-1],) * 2)
     none = np.zeros(0, dtype=int)
-    for i, one in enumerate(drawn):
-        acting = np.concatenate([none, *(np.r_[slots[each.number]] for each in one.model)])
-        amplitudes[i, acting] = np.concatenate([np.zeros(0), *one.amplitudes])
+    for i, draw in enumerate(drawn):
+        acting = np.concatenate([none, *(np.r_[slots[chosen.number]] for chosen in draw.model)])
+        amplitudes[i, acting] = np.concatenate([np.zeros(0), *draw.amplitudes])
         # The fit knows how uncertain what was found is beside none of the rivals: to that each adds, and others follow.
         # One that is left out is as it is.
-        std = np.sqrt(np.maximum(np.diag(one.spread), np.finfo(float).tiny))
+        std = np.sqrt(np.maximum(np.diag(draw.spread), np.finfo(float).tiny))
         left_out, is_rival = acting >= ends[len(mine) + len(kept)], acting >= ends[len(mine)]
-        spread = _given(one.spread / std / std[:, None], left_out)
+        spread = _given(draw.spread / std / std[:, None], left_out)
         added = (spread - _given(spread, is_rival)) * std * std[:, None]
         within[np.ix_(acting, acting)] += added / len(drawn)
     # What is fitted anyway as it takes over what is predicted by it.
     columns = np.hstack([np.zeros((len(fit.residual), 0)), *(_columns(evidence, n) for n in (*mine, *kept, *rare))])
     projection = evidence.projection
     taken = projection.whole(projection.absorbed(columns))
-    some = np.arange(ends[-1]) >= (ends[len(mine) + len(kept)])
-    rest = projection.whole(np.array([one.rest for one in drawn]).T).T + amplitudes[:, some] @ taken[:, some].T
-    samples = np.hstack([rest, amplitudes[:, ~some]])
-    follows = np.vstack([-taken, np.eye(ends[-1])[~some]])
+    is_rare = np.arange(ends[-1]) >= ends[len(mine) + len(kept)]
+    rest = projection.whole(np.array([draw.rest for draw in drawn]).T).T + amplitudes[:, is_rare] @ taken[:, is_rare].T
+    samples = np.hstack([rest, amplitudes[:, ~is_rare]])
+    follows = np.vstack([-taken, np.eye(ends[-1])[~is_rare]])
     between = samples - samples.mean(axis=0)
     spread = between.T @ between / len(drawn) + follows @ within @ follows.T
 
@@ -157,7 +157,7 @@ def averaged(state: State, evidence: Dense, own: Model, drawn: Sequence[Drawn]) 
     begun = np.concatenate([begun, *beside.amplitudes, np.zeros(sum(sizes[len(mine) : len(mine) + len(kept)]))])
     places = np.concatenate([_rest_of(state), _acting_of(state), len(fit.values) + np.arange(len(begun))])
     places = places[: len(begun)]
-    count = len(fit.values) + sum(len(one.parameters) for one in rivals)
+    count = len(fit.values) + sum(len(block.parameters) for block in rivals)
     whole, step = np.zeros((count, count)), np.zeros(count)
     whole[np.ix_(places, places)] = spread
     step[places] = samples.mean(axis=0) - begun
@@ -204,12 +204,12 @@ def _predicted(folds: Folds, times: Array) -> Array:
     """
     whole, count = folds.evidence.projection, len(folds.parts)
     left, each = np.empty(len(whole.data)), np.array_split(times[: count**2], count)
-    for part, learned, model, some in zip(folds.parts, folds.learned, folds.anew, each, strict=True):
-        drawn = bagged(part, model, some[:, learned]).drawn
+    for part, learned, model, counts in zip(folds.parts, folds.learned, folds.anew, each, strict=True):
+        drawn = bagged(part, model, counts[:, learned]).drawn
         data = whole.data[~learned]
-        for one in drawn:
-            seen = whole.regressors[~learned] @ one.rest
-            for chosen, values in zip(one.model, one.amplitudes, strict=True):
+        for draw in drawn:
+            seen = whole.regressors[~learned] @ draw.rest
+            for chosen, values in zip(draw.model, draw.amplitudes, strict=True):
                 seen += _columns(folds.evidence, chosen.number)[~learned] @ values
             data = data - seen / len(drawn)
         left[~learned] = data
@@ -244,8 +244,8 @@ def _columns(evidence: Dense, number: int) -> Array:
 
 def _rest_of(state: State) -> np.ndarray:
     """Return the places of what is fitted beside what was found among the values of the fit."""
-    own = [state.fit.places(block) for block in state.effects]
-    return np.setdiff1d(np.arange(len(state.fit.values)), np.concatenate([np.zeros(0, dtype=int), *own]))
+    effects = [state.fit.places(block) for block in state.effects]
+    return np.setdiff1d(np.arange(len(state.fit.values)), np.concatenate([np.zeros(0, dtype=int), *effects]))
 
 
 def _acting_of(state: State) -> np.ndarray:
@@ -258,9 +258,9 @@ def _blocks(state: State, evidence: Dense, numbers: Sequence[int]) -> tuple[Effe
     """Return rivals as blocks of values, after all other effects."""
     before = (*state.declared.arm.effects, *state.fitted, *state.common)
     effects = []
-    for one in (evidence.groups[number].hypothesis.one for number in numbers):
-        derived = tuple(name for name in one.location.covariates if name in state.measurements.derived)
-        effect = replace(one.effect(np.zeros(len(one.location.terms))), derived=derived)
+    for candidate in (evidence.groups[number].hypothesis.one for number in numbers):
+        derived = tuple(name for name in candidate.location.covariates if name in state.measurements.derived)
+        effect = replace(candidate.effect(np.zeros(len(candidate.location.terms))), derived=derived)
         effects.append(effect.seen_in(state.context, state.rows))
     ends = zip(effects, numbers_of((*before, *effects))[len(before) :], strict=True)
     return tuple(
