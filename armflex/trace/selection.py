@@ -83,7 +83,7 @@ Model = tuple[Chosen, ...]
 
 def without(model: Model, *gone: int) -> Model:
     """Return a model without the hypotheses at some places."""
-    return tuple(one for i, one in enumerate(model) if i not in gone)
+    return tuple(chosen for i, chosen in enumerate(model) if i not in gone)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,13 +117,13 @@ class Batch(NamedTuple):
 
 def batches_of(groups: Sequence[Group], inside: Callable[[np.ndarray], Array]) -> tuple[Batch, ...]:
     """Return groups by their size; `inside` has the (g, k, k) parts of G at (g, k) columns."""
-    sizes, found = np.array([len(one.scale) for one in groups], dtype=int), []
+    sizes, batches = np.array([len(group.scale) for group in groups], dtype=int), []
     for size in np.unique(sizes).tolist():
         numbers = np.flatnonzero(sizes == size)
-        some = [groups[i] for i in numbers.tolist()]
-        places = np.array([one.places for one in some])
-        found.append(Batch(numbers, places, inside(places), np.array([one.hypothesis.positive for one in some])))
-    return tuple(found)
+        alike = [groups[i] for i in numbers.tolist()]
+        places = np.array([group.places for group in alike])
+        batches.append(Batch(numbers, places, inside(places), np.array([group.hypothesis.positive for group in alike])))
+    return tuple(batches)
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,19 +146,19 @@ class ScanBlock:
 
     def joined(self, more: ScanBlock, gram: Callable[[np.ndarray], Array]) -> ScanBlock:
         """Return this block with another behind it."""
-        by_size = {one.places.shape[1]: one for one in self.batches}
+        by_size = {batch.places.shape[1]: batch for batch in self.batches}
         for numbers, places, *rest in more.batches:
             batch = Batch(numbers + len(self.priors), places + len(self.scores), *rest)
-            if own := by_size.get(places.shape[1]):
-                batch = Batch(*map(np.concatenate, zip(own, batch, strict=True)))
+            if before := by_size.get(places.shape[1]):
+                batch = Batch(*map(np.concatenate, zip(before, batch, strict=True)))
             by_size[places.shape[1]] = batch
         scores, priors = np.append(self.scores, more.scores), np.concatenate([self.priors, more.priors])
         return ScanBlock(tuple(by_size.values()), scores, priors, gram)
 
 
-def prior_of(some: Iterable[Group]) -> Array:
+def prior_of(groups: Iterable[Group]) -> Array:
     """Return the (H, T) log prior probability of hypotheses at each of their scales, all equally likely."""
-    priors = np.array([one.hypothesis.prior for one in some])
+    priors = np.array([group.hypothesis.prior for group in groups])
     return np.repeat(priors[:, None] - np.log(len(SCALES)), len(SCALES), axis=1)
 
 
@@ -203,13 +203,13 @@ class Evidence(ABC):
 
     def prior(self, number: int) -> Array:
         """Return the (T,) log prior probability of a hypothesis at each of its scales."""
-        block, own = self.block_of(number)
-        return block.priors[own] + self.sized(number)
+        block, place = self.block_of(number)
+        return block.priors[place] + self.sized(number)
 
     @property
     def priors(self) -> Array:
         """(H, T) log prior probability of every hypothesis at each of its scales, but for what is `sized`."""
-        return np.concatenate([one.priors for one in self.blocks])
+        return np.concatenate([block.priors for block in self.blocks])
 
     @cached_property
     def _known(self) -> dict[Model, Beside]:
@@ -222,11 +222,11 @@ class Evidence(ABC):
 
     def beside(self, model: Model) -> Beside:
         """Return the problem beside a model."""
-        found = self._known.pop(model, None) or Beside(self, model)
-        self._known[model] = found  # the last used last
+        beside = self._known.pop(model, None) or Beside(self, model)
+        self._known[model] = beside  # the last used last
         if len(self._known) > MODELS_HELD:
             del self._known[next(iter(self._known))]
-        return found
+        return beside
 
     def log_posterior(self, model: Model) -> float:
         """Return the log posterior probability of a model, but for a constant."""
@@ -247,13 +247,13 @@ class Beside:
 
     def __init__(self, evidence: Evidence, model: Model) -> None:
         self._evidence, self.model = ref(evidence), model  # which holds this: memory is free as soon as it is dropped
-        some = [evidence.groups[one.number] for one in model]
-        self.places = np.concatenate([np.zeros(0, dtype=int), *(one.places for one in some)])
-        self._ends = np.cumsum([0, *(len(one.places) for one in some)]).tolist()
-        self.held = np.repeat([SCALES[one.scale] ** -2.0 for one in model], np.diff(self._ends))
-        own, scores = evidence.among(self.places)
-        own = own + np.diag(self.held)
-        self.root = np.asarray(np.linalg.cholesky(0.5 * (own + own.T)), float)
+        groups = [evidence.groups[chosen.number] for chosen in model]
+        self.places = np.concatenate([np.zeros(0, dtype=int), *(group.places for group in groups)])
+        self._ends = np.cumsum([0, *(len(group.places) for group in groups)]).tolist()
+        self.held = np.repeat([SCALES[chosen.scale] ** -2.0 for chosen in model], np.diff(self._ends))
+        information, scores = evidence.among(self.places)
+        information = information + np.diag(self.held)
+        self.root = np.asarray(np.linalg.cholesky(0.5 * (information + information.T)), float)
         self.inverse = dtrtri(self.root, lower=1)[0] if len(self.root) else self.root
         self.pull = self.inverse @ scores
         self.volume = 2.0 * float(np.log(np.diag(self.root)).sum()) - float(np.log(self.held).sum())
@@ -264,9 +264,9 @@ class Beside:
     @property
     def evidence(self) -> Evidence:
         """The problem."""
-        found = self._evidence()
-        assert found is not None
-        return found
+        evidence = self._evidence()
+        assert evidence is not None
+        return evidence
 
     @cached_property
     def left(self) -> float:
@@ -293,19 +293,19 @@ class Beside:
         """The same for each hypothesis [the law's unit]."""
         groups = self.evidence.groups
         return tuple(
-            self.values[place] * groups[one.number].scale for one, place in zip(self.model, self.own, strict=True)
+            self.values[place] * groups[chosen.number].scale for chosen, place in zip(self.model, self.own, strict=True)
         )
 
     @cached_property
     def log_posterior(self) -> float:
         """Log posterior probability of the model, but for a constant."""
-        evidence, found = self.evidence, 0.0
-        for one, amplitudes, first in zip(self.model, self.amplitudes, self._ends, strict=False):
-            found += float(evidence.prior(one.number)[one.scale]) - evidence.charge(one.number, amplitudes)
-            if evidence.groups[one.number].hypothesis.positive:
+        evidence, prior = self.evidence, 0.0
+        for chosen, amplitudes, first in zip(self.model, self.amplitudes, self._ends, strict=False):
+            prior += float(evidence.prior(chosen.number)[chosen.scale]) - evidence.charge(chosen.number, amplitudes)
+            if evidence.groups[chosen.number].hypothesis.positive:
                 std = self.noise * float(np.linalg.norm(self.inverse[:, first]))
-                found += float(_sign(float(self.inverse[:, first] @ self.pull) / std))
-        return found + float(log_likelihood(self.left, evidence.freedom)) - 0.5 * self.volume + evidence.constant
+                prior += float(_sign(float(self.inverse[:, first] @ self.pull) / std))
+        return prior + float(log_likelihood(self.left, evidence.freedom)) - 0.5 * self.volume + evidence.constant
 
     @property
     def odds(self) -> Array:
@@ -314,61 +314,61 @@ class Beside:
 
     def odds_at(self, number: int) -> Array:
         """Return the (T,) log odds of a further hypothesis at each scale, as likely as that is; nothing is charged."""
-        block, own = self.evidence.block_of(number)
-        return self.odds_in(block)[own] + self.evidence.sized(number)
+        block, place = self.evidence.block_of(number)
+        return self.odds_in(block)[place] + self.evidence.sized(number)
 
     def odds_in(self, block: ScanBlock) -> Array:
         """Return the `odds` of a block's hypotheses."""
         if block in self._odds:
             return self._odds[block]
         freedom, (insides, scores) = self.evidence.freedom, self.reduced(block)
-        found = np.empty(block.priors.shape)
+        odds = np.empty(block.priors.shape)
         here, tight = float(log_likelihood(self.left, freedom)), SCALES[:, None] ** -2.0
-        known = {} if self.model else block.axes
+        axes_of = {} if self.model else block.axes
         for (numbers, places, _, signed), inside in zip(block.batches, insides, strict=True):
             score, size = scores[places], places.shape[1]
             if size == 1:
                 values, turned = np.maximum(inside[:, 0], 0.0), score
             else:
-                values, axes = known[size] if size in known else known.setdefault(size, np.linalg.eigh(inside))
+                values, axes = axes_of[size] if size in axes_of else axes_of.setdefault(size, np.linalg.eigh(inside))
                 values, turned = np.maximum(values, 0.0), np.einsum("gki,gk->gi", axes, score)
             held = values[:, None, :] + tight
             left = np.maximum(self.left - (turned[:, None, :] ** 2 / held).sum(axis=2), 1e-9 * self.left)
             logs = log_likelihood(left, freedom) - here - 0.5 * np.log(held / tight).sum(axis=2)
             if signed.any():
-                own = turned[signed, None, 0] / np.sqrt(held[signed, :, 0] * np.maximum(left[signed] / freedom, 1.0))
-                logs[signed] += _sign(own)
-            found[numbers] = logs
-        self._odds[block] = found + block.priors
+                std = np.sqrt(held[signed, :, 0] * np.maximum(left[signed] / freedom, 1.0))
+                logs[signed] += _sign(turned[signed, None, 0] / std)
+            odds[numbers] = logs
+        self._odds[block] = odds + block.priors
         return self._odds[block]
 
     def without(self, place: int) -> Beside:
         """Return the problem beside the model without one hypothesis, which a scan of the whole model makes quick."""
-        found = self.evidence.beside(without(self.model, place))
+        fewer = self.evidence.beside(without(self.model, place))
         self._whole = None  # what of itself is scanned from now on is scanned directly: no chain of models is held
-        if found.model and found._whole is None:
-            found._whole = self, self.inverse[:, slice(*self._ends[place : place + 2])]
-        return found
+        if fewer.model and fewer._whole is None:
+            fewer._whole = self, self.inverse[:, slice(*self._ends[place : place + 2])]
+        return fewer
 
     def reduced(self, block: ScanBlock) -> tuple[list[Array], Array]:
         """Return what the model leaves of the (g, k, k) information of every batch, and of the (K,) scores."""
         if block not in self._reduced:
             if self._whole is None:
-                insides, scores, sign = [one.inside for one in block.batches], block.scores, -1.0
+                insides, scores, sign = [batch.inside for batch in block.batches], block.scores, -1.0
                 across, pull = self.across(block), self.pull
             else:  # what the hypothesis that is gone took of them, given the rest, is left again
                 (whole, axes), sign = self._whole, 1.0
                 insides, scores = whole.reduced(block)
-                own = axes @ np.linalg.inv(np.linalg.cholesky(axes.T @ axes)).T
-                across, pull = whole.across(block) @ own, own.T @ whole.pull
-            squares, found = sign * np.einsum("km,km->k", across, across), list[Array]()
+                unit = axes @ np.linalg.inv(np.linalg.cholesky(axes.T @ axes)).T
+                across, pull = whole.across(block) @ unit, unit.T @ whole.pull
+            squares, left = sign * np.einsum("km,km->k", across, across), list[Array]()
             for (_, places, *_), inside in zip(block.batches, insides, strict=True):
                 if places.shape[1] == 1:
-                    found.append(inside + squares[places][:, :, None])
+                    left.append(inside + squares[places][:, :, None])
                 else:
-                    own = across[places]
-                    found.append(inside + sign * own @ own.transpose(0, 2, 1))
-            self._reduced[block] = found, scores + sign * across @ pull
+                    products = across[places]
+                    left.append(inside + sign * products @ products.transpose(0, 2, 1))
+            self._reduced[block] = left, scores + sign * across @ pull
         return self._reduced[block]
 
     def across(self, block: ScanBlock) -> Array:
@@ -379,10 +379,10 @@ class Beside:
         held = self.evidence.across
         if self not in held:
             held.clear()
-        own = held.setdefault(self, WeakKeyDictionary[ScanBlock, Array]())
-        if block not in own:
-            own[block] = block.gram(self.places) @ self.inverse.T
-        return own[block]
+        products = held.setdefault(self, WeakKeyDictionary[ScanBlock, Array]())
+        if block not in products:
+            products[block] = block.gram(self.places) @ self.inverse.T
+        return products[block]
 
     def rough(self, top: float, within: float = WITHIN) -> float:
         """Return the least log odds on a grid with which a hypothesis may come so near to some others."""
@@ -394,10 +394,10 @@ class Beside:
 
     def amplitudes_of(self, number: int, scale: int) -> Array:
         """Return the (k,) most probable amplitudes of a further hypothesis beside the model [the law's unit]."""
-        block, own = self.evidence.block_of(number)
+        block, place = self.evidence.block_of(number)
         insides, scores = self.reduced(block)
         for (numbers, places, *_), inside in zip(block.batches, insides, strict=True):
-            for row in np.flatnonzero(numbers == own):
+            for row in np.flatnonzero(numbers == place):
                 whole = inside[row] + np.eye(places.shape[1]) * SCALES[scale] ** -2.0
                 return np.linalg.solve(whole, scores[places[row]]) * self.evidence.groups[number].scale
         raise KeyError(number)
@@ -431,15 +431,15 @@ def rivals(
     within: float = WITHIN,
 ) -> list[Rival]:
     """Return the hypotheses beside a model whose log odds are `within` the best, one of each law and place."""
-    evidence, found = beside.evidence, list[Rival]()
-    known, rough, spots = len(evidence.groups), list[Rival](), set[tuple]()
+    evidence, exact, rough, spots = beside.evidence, list[Rival](), list[Rival](), set[tuple]()
+    count = len(evidence.groups)
     odds = beside.odds
     best = np.where(np.isfinite(odds), odds, -np.inf).max(axis=1)
-    some = np.flatnonzero(best >= -within)
-    order = some[np.argsort(-best[some], kind="stable")]
+    near = np.flatnonzero(best >= -within)
+    order = near[np.argsort(-best[near], kind="stable")]
     top, least = -within, beside.rough(-within, within)
     for number in order.tolist():
-        if len(found) + len(rough) >= 4 * most or best[number] < least:
+        if len(exact) + len(rough) >= 4 * most or best[number] < least:
             break
         hypothesis = evidence.groups[number].hypothesis
         if hypothesis.spot in spots or (only is not None and not only(hypothesis)):
@@ -448,19 +448,19 @@ def rivals(
         coarse = refine is not None and bool(hypothesis.one.fitted or hypothesis.one.searched)
         if not coarse and best[number] < top - within:
             continue
-        own = odds[number] + evidence.sized(number)
-        scale = int(own.argmax())
-        charged = float(own[scale]) - evidence.charge(number, beside.amplitudes_of(number, scale))
-        (rough if coarse else found).append(Rival(charged, Chosen(number, scale)))
+        of_scales = odds[number] + evidence.sized(number)
+        scale = int(of_scales.argmax())
+        charged = float(of_scales[scale]) - evidence.charge(number, beside.amplitudes_of(number, scale))
+        (rough if coarse else exact).append(Rival(charged, Chosen(number, scale)))
         if charged > top:
             top, least = charged, beside.rough(charged, within)
     if refine is not None and rough:
-        near = beside.rough(top, min(within, WITHIN))  # what is further off competes as it is on the grid
-        refine(beside, [one for one in sorted(rough, key=lambda one: -one.odds)[:most] if one.odds >= near])
-        if len(evidence.groups) > known:
+        least = beside.rough(top, min(within, WITHIN))  # what is further off competes as it is on the grid
+        refine(beside, [rival for rival in sorted(rough, key=lambda rival: -rival.odds)[:most] if rival.odds >= least])
+        if len(evidence.groups) > count:
             return rivals(evidence.beside(beside.model), None, only, most, within)
-    found = [one for one in (*found, *rough) if one.odds >= top - within]
-    return sorted(found, key=lambda one: -one.odds)[:most]
+    likely = [rival for rival in (*exact, *rough) if rival.odds >= top - within]
+    return sorted(likely, key=lambda rival: -rival.odds)[:most]
 
 
 def climbed(evidence: Evidence, model: Model = (), refine: Refine | None = None, most: int = MOST_EFFECTS) -> Model:
@@ -485,21 +485,21 @@ def climbed(evidence: Evidence, model: Model = (), refine: Refine | None = None,
                 model, tried = longer, 0 if longer is model else -1
                 continue
             i, tried = (i if 0 < i <= len(model) else len(model)) - 1, tried + 1
-            some = rivals(evidence.beside(model).without(i), refine)[:2]
-            trials = [without(model, i), *((*model[:i], one.chosen, *model[i + 1 :]) for one in some)]
+            others = rivals(evidence.beside(model).without(i), refine)[:2]
+            trials = [without(model, i), *((*model[:i], other.chosen, *model[i + 1 :]) for other in others)]
             trial = max(trials, key=worth)
             if worth(trial) > worth(model) + BETTER:
                 model, tried = trial, -1
         return model
 
     model = swept(model)
-    some = _sharing(evidence, model)
-    while some:
-        trial = extended(extended(without(model, *some.pop(0))))
+    pairs = _sharing(evidence, model)
+    while pairs:
+        trial = extended(extended(without(model, *pairs.pop(0))))
         if worth(trial) > worth(model) - WITHIN and set(trial) != set(model):
             trial = swept(trial)
         if worth(trial) > worth(model) + BETTER:
-            model, some = trial, _sharing(evidence, trial)
+            model, pairs = trial, _sharing(evidence, trial)
     return model
 
 
@@ -508,10 +508,9 @@ def _sharing(evidence: Evidence, model: Model) -> list[tuple[int, int]]:
     if len(model) < 2:
         return []
     beside = evidence.beside(model)
-    own = np.split(np.arange(len(beside.places)), np.cumsum([len(one) for one in beside.amplitudes[:-1]]))
 
     def worth(*gone: int) -> float:
-        axes = beside.inverse[:, np.concatenate([own[i] for i in gone])]
+        axes = np.hstack([beside.inverse[:, beside.own[i]] for i in gone])
         inside, values = axes.T @ axes, axes.T @ beside.pull
         left = beside.left + float(values @ np.linalg.solve(inside, values))
         fall = log_likelihood(beside.left, evidence.freedom) - log_likelihood(left, evidence.freedom)
