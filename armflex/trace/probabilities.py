@@ -74,44 +74,47 @@ def competing(screen: Screen, model: Model) -> Dense:
     What fitted parameters take over does not: no reading could show it, and no prediction lacks it.
     """
     aliased = {number for number, share in screen.single().items() if share is None or share <= ALMOST}
-    own, mine = {screen.groups[one.number].hypothesis.one for one in model}, {one.number for one in model}
+    mine = {chosen.number for chosen in model}
+    candidates = {screen.groups[number].hypothesis.one for number in mine}
     screen.extend(_elsewhere(screen, model))
-    beside, found, charges = screen.beside(model), dict[int, float](), dict[int, float]()
+    beside, best, charges = screen.beside(model), dict[int, float](), dict[int, float]()
     for rest in (*map(beside.without, range(len(model))), beside):
-        for one in rivals(rest, refine, most=MOST_COMPETING, within=4.0 * WITHIN):  # a resample may bring it forward
-            if one.chosen.number in aliased:
+        for rival in rivals(rest, refine, most=MOST_COMPETING, within=4.0 * WITHIN):  # a resample may bring it forward
+            number = rival.chosen.number
+            if number in aliased:
                 continue
-            if screen.groups[one.chosen.number].hypothesis.one in own and one.chosen.number not in mine:
+            if screen.groups[number].hypothesis.one in candidates and number not in mine:
                 continue  # the same again, from the grid: it would count twice
-            number, odds = one.chosen.number, float(rest.odds_at(one.chosen.number).max())
-            if one.odds > found.get(number, -np.inf):  # of the amplitudes that it has where it competes most
-                found[number], charges[number] = one.odds, max(odds - one.odds, 0.0)
-    for one, amplitudes in zip(model, beside.amplitudes, strict=True):
-        charges[one.number] = screen.charge(one.number, amplitudes)
+            odds = float(rest.odds_at(number).max())
+            if rival.odds > best.get(number, -np.inf):  # of the amplitudes that it has where it competes most
+                best[number], charges[number] = rival.odds, max(odds - rival.odds, 0.0)
+    for chosen, amplitudes in zip(model, beside.amplitudes, strict=True):
+        charges[chosen.number] = screen.charge(chosen.number, amplitudes)
     priors = np.array([screen.prior(number) - charge for number, charge in charges.items()])
     return screen.dense(tuple(charges), priors)
 
 
 def _elsewhere(screen: Screen, model: Model) -> list[Hypothesis]:
     """Return shapes of a model that were only sought where they are, at all other places over the same columns."""
-    known, found = {one.hypothesis.one for one in screen.groups}, list[Hypothesis]()
-    for shape in (screen.groups[one.number].hypothesis for one in model):
+    held, elsewhere = {group.hypothesis.one for group in screen.groups}, list[Hypothesis]()
+    for shape in (screen.groups[chosen.number].hypothesis for chosen in model):
         law, covariates = shape.one.law, shape.one.location.covariates
         for place in places_of(law, screen.context) if law.search is Search.RESIDUAL else ():
-            one = replace(shape.one, location=place)
-            if place.covariates == covariates and one not in known:
-                found.append(replace(shape, one=one, prior=shape.prior + oddness(one) - oddness(shape.one)))
-    return found
+            moved = replace(shape.one, location=place)
+            if place.covariates == covariates and moved not in held:
+                prior = shape.prior + oddness(moved) - oddness(shape.one)
+                elsewhere.append(replace(shape, one=moved, prior=prior))
+    return elsewhere
 
 
 def named(evidence: Dense, own: Model) -> np.ndarray:
     """Return (H,) which hypothesis stands for each: the model's, or the likeliest, that says the same of a place."""
-    known, numbers = [one.hypothesis for one in evidence.groups], [one.number for one in own]
+    hypotheses, numbers = [group.hypothesis for group in evidence.groups], [chosen.number for chosen in own]
     numbers += [i for i in np.argsort(-evidence.beside(own).odds.max(axis=1)).tolist() if i not in numbers]
-    found = np.arange(len(known))
+    names = np.arange(len(hypotheses))
     for place, i in enumerate(numbers):
-        found[i] = next((j for j in numbers[:place] if found[j] == j and known[j].alike(known[i])), i)
-    return found
+        names[i] = next((j for j in numbers[:place] if names[j] == j and hypotheses[j].alike(hypotheses[i])), i)
+    return names
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +159,7 @@ def bagged(evidence: Dense, own: Model, times: Iterable[Array], seed: int = 0) -
         seed: Of what is drawn.
     """
     rng, names, visited = np.random.default_rng(seed), named(evidence, own), set[Model]()
-    mine = [int(names[one.number]) for one in own]
+    mine = [int(names[chosen.number]) for chosen in own]
     other = ~np.isin(np.arange(len(names)), mine)
     chances, nothing = np.zeros((len(own) + 1, len(names))), np.zeros(len(own) + 1)
     part, best, sweeps = None, own, list[Drawn]()
@@ -169,7 +172,7 @@ def bagged(evidence: Dense, own: Model, times: Iterable[Array], seed: int = 0) -
                 sweeps.append(_drawn(part, slots, own))
             if i == len(own) and None in slots:
                 continue  # what is drawn beside a model that lacks one is that one
-            beside = part.beside(tuple(one for j, one in enumerate(slots) if j != i and one is not None))
+            beside = part.beside(tuple(other for j, other in enumerate(slots) if j != i and other is not None))
             whole = float(np.logaddexp(0.0, logsumexp(beside.odds)))
             weights, none = np.exp(beside.odds - whole), float(np.exp(-whole))
             chance = np.bincount(names, weights.sum(axis=1), len(names))
@@ -178,7 +181,7 @@ def bagged(evidence: Dense, own: Model, times: Iterable[Array], seed: int = 0) -
                 nothing[i] += none
                 continue
             # Effects may have changed places: one that is in another's is there, and its own place says nothing of it.
-            held = sum(names[one.number] == mine[i] for j, one in enumerate(slots) if j != i and one is not None)
+            held = sum(names[other.number] == mine[i] for j, other in enumerate(slots) if j != i and other is not None)
             if held >= mine.count(mine[i]):
                 chances[i, mine[i]] += 1.0
             else:
@@ -187,10 +190,10 @@ def bagged(evidence: Dense, own: Model, times: Iterable[Array], seed: int = 0) -
             every = np.append(weights.ravel(), none)
             drawn = rng.choice(len(every), p=every / every.sum())
             slots[i] = None if drawn == weights.size else Chosen(*map(int, np.unravel_index(drawn, weights.shape)))
-            visited.add(tuple(one for one in slots if one is not None))
+            visited.add(tuple(chosen for chosen in slots if chosen is not None))
     counted = np.maximum(chances.sum(axis=1) + nothing, 1e-300)
     nothing /= counted
-    found = []
+    credible = []
     for i, chance in enumerate(chances / counted[:, None]):
         odds = evidence.beside(without(own, i)).odds.max(axis=1)
         best_of = dict[int, tuple[Hypothesis, float]]()
@@ -201,8 +204,8 @@ def bagged(evidence: Dense, own: Model, times: Iterable[Array], seed: int = 0) -
         ]
         probability = float(chance[mine[i]]) if i < len(own) else 0.0
         suspects.sort(key=lambda pair: -pair[1])
-        found.append(Credible(probability, float(nothing[i]), tuple(suspects), tuple(best_of.values())))
-    return Bagged(tuple(found), visited, tuple(sweeps))
+        credible.append(Credible(probability, float(nothing[i]), tuple(suspects), tuple(best_of.values())))
+    return Bagged(tuple(credible), visited, tuple(sweeps))
 
 
 def _drawn(part: Dense, slots: Sequence[Chosen | None], own: Model) -> Drawn:
@@ -212,18 +215,18 @@ def _drawn(part: Dense, slots: Sequence[Chosen | None], own: Model) -> Drawn:
     """
     slots = list(slots)
     for i, (now, before) in enumerate(zip(slots, own, strict=True)):
-        if now is None or now.number == before.number or before.number in {one.number for one in slots if one}:
+        if now is None or now.number == before.number or before.number in {slot.number for slot in slots if slot}:
             continue
         if part.groups[now.number].hypothesis.spot != part.groups[before.number].hypothesis.spot:
             continue
-        others = [one for one in slots if one is not None]
-        model = tuple(before if one is now else one for one in others)
+        others = [slot for slot in slots if slot is not None]
+        model = tuple(before if slot is now else slot for slot in others)
         if part.log_posterior(model) > part.log_posterior(tuple(others)) + np.log(DOUBT):
             slots[i] = before
-    model = tuple(one for one in slots if one is not None)
+    model = tuple(slot for slot in slots if slot is not None)
     beside = part.beside(model)
     rest = part.projection.absorbed(part.projection.data - part.columns[:, beside.places] @ beside.values)
-    scale = np.concatenate([np.zeros(0), *(part.groups[one.number].scale for one in model)])
+    scale = np.concatenate([np.zeros(0), *(part.groups[chosen.number].scale for chosen in model)])
     spread = beside.noise**2 * (beside.inverse.T @ beside.inverse) * scale * scale[:, None]
     return Drawn(model, beside.amplitudes, spread, rest)
 
@@ -231,7 +234,7 @@ def _drawn(part: Dense, slots: Sequence[Chosen | None], own: Model) -> Drawn:
 def _placed(model: Model, own: Model, names: np.ndarray) -> list[Chosen | None]:
     """Return a model in the places of another: what has the same name in its place, the rest where places are free."""
     rest, slots = list(model), list[Chosen | None]()
-    for one in own:
-        slots.append(next((each for each in rest if names[each.number] == names[one.number]), None))
-        rest = [each for each in rest if each is not slots[-1]]
-    return [rest.pop(0) if one is None and rest else one for one in slots]
+    for chosen in own:
+        slots.append(next((other for other in rest if names[other.number] == names[chosen.number]), None))
+        rest = [other for other in rest if other is not slots[-1]]
+    return [rest.pop(0) if slot is None and rest else slot for slot in slots]
