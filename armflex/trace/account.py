@@ -75,14 +75,14 @@ def weighed(here: Standing) -> Weighed:
         resamples = resampled(evidence, model, parted_by(state), folds)
         for times in (resamples.times[: RESAMPLES // 5], resamples.times):  # few are enough for what is sure
             posterior = bagged(evidence, model, times)
-            found = posterior.credible
+            credible = posterior.credible
             after = _with_likelier(here, evidence, model, posterior)
-            if after is not None or any(one.nothing > CREDIBLE for one in found[:-1]):
+            if after is not None or any(verdict.nothing > CREDIBLE for verdict in credible[:-1]):
                 break
         if after is not None:
             here = after
             continue
-        gone = [i for i, one in enumerate(found[:-1]) if one.is_gone]
+        gone = [i for i, verdict in enumerate(credible[:-1]) if verdict.is_gone]
         if not gone:
             here.screen.forget()
             average, seen = averaged(state, evidence, model, posterior.drawn), None
@@ -91,8 +91,9 @@ def weighed(here: Standing) -> Weighed:
             if model:
                 assert average.errors is not None
                 seen = validated(here, folds, average.errors)
-            return Weighed(here, found, resamples, seen, average)
-        least = [i for i in gone if found[i].nothing > CREDIBLE] or [min(gone, key=lambda i: found[i].probability)]
+            return Weighed(here, credible, resamples, seen, average)
+        least = [i for i in gone if credible[i].nothing > CREDIBLE]
+        least = least or [min(gone, key=lambda i: credible[i].probability)]
         titles = (here.screen.groups[here.model[i].number].hypothesis.title for i in least)
         state.reporter.stage(f"withdrawing {', '.join(titles)}")
         after = refitted(here, without(here.model, *least))
@@ -108,14 +109,14 @@ def _with_likelier(here: Standing, evidence: Dense, model: Model, posterior: Bag
 
     Itself where some were tried and came out worse, which they are charged with from then on.
     """
-    doubted = [one for one, seen in zip(here.model, posterior.credible, strict=False) if seen.is_doubtful]
+    doubted = [rival for rival, seen in zip(here.model, posterior.credible, strict=False) if seen.is_doubtful]
     if not doubted:
         return None
     full, tried = is_full(here), len(here.rejected)
     # Each fit takes seconds where more is missing than can be named: there the likeliest is tried.
     models = map(evidence.there, {climbed(evidence, model)} if full else posterior.visited)
-    known, unlikely = spots(here.screen, here.model), spots(here.screen, tuple(doubted))
-    after = exchanged(here, [one for one in models if any((known - spots(here.screen, one)) & unlikely)])
+    spots_before, unlikely = spots(here.screen, here.model), spots(here.screen, tuple(doubted))
+    after = exchanged(here, [rival for rival in models if any((spots_before - spots(here.screen, rival)) & unlikely)])
     return here if after is None and len(here.rejected) > tried and not full else after
 
 
@@ -146,9 +147,9 @@ def conclude(
     family stays those of the state are said that it had `begun` with, if any.
     """
     here.state.reporter.stage("fitting to the end")
-    known = weighed(settled_exactly(here))
-    here, state = known.here, known.here.state
-    found = tuple(_found(known, number) for number in range(len(state.known)))
+    outcome = weighed(settled_exactly(here))
+    here, state = outcome.here, outcome.here.state
+    findings = tuple(_found(outcome, number) for number in range(len(state.known)))
     left = unexplained(state, here.scattered)
     together = np.setdiff1d(state.asked[~(lost_of(state, heed=True)[1] | state.undirected)], state.rows)
     if left is None and len(together):  # rows left out although their neighbours are far off, too
@@ -158,8 +159,8 @@ def conclude(
     state.reporter.stage("weighing which kinds of effect are missing")
     families = (state if state.background.names else begun or state).sized.families
     state.reporter.stage("looking what would decide what is in question")
-    errors, seen = _errors(known.averaged, known.validated), known.validated
-    open_places, texts, asked = [one for one in _places(known, found) if one.pairs], tuple[str, ...](), None
+    errors, seen = _errors(outcome.averaged, outcome.validated), outcome.validated
+    open_places, texts, asked = [place for place in _places(outcome, findings) if place.pairs], tuple[str, ...](), None
     if open_places:
         before = _before(state, errors["arm"].certainty)
         texts, asked = next_measurement(before, open_places, ask, settable or {})
@@ -167,19 +168,19 @@ def conclude(
     wrong += warming(state.fitted, tuple(state.measurements.covariates))
     return Trace(
         **errors,
-        found=found,
+        found=findings,
         families=families,
         unexplained=left,
         places=places,
-        undecided=None if state.effects or left is not None else _undecided(known),
+        undecided=None if state.effects or left is not None else _undecided(outcome),
         not_identifiable=not_identifiable(here),
         smallest=smallest(here),
         next_measurement=(*wrong, *texts, *lacking(state.measurements, state.context)),
         asked=asked,
         compared=None if seen is None else seen.compared,
-        nothing=0.0 if state.known or left is not None else known.credible[-1].nothing,
-        suspects=_suspects(known),
-        resampled=known.resampled,
+        nothing=0.0 if state.known or left is not None else outcome.credible[-1].nothing,
+        suspects=_suspects(outcome),
+        resampled=outcome.resampled,
         ended=ended,
     )
 
@@ -213,15 +214,15 @@ def _errors(predicted: Averaged, seen: Validated | None = None) -> dict:
     }
 
 
-def _found(known: Weighed, number: int) -> Found:
-    state, credible, seen = known.here.state, known.credible[number], known.validated
+def _found(outcome: Weighed, number: int) -> Found:
+    state, credible, seen = outcome.here.state, outcome.credible[number], outcome.validated
     assert seen is not None
     return Found(
         effect=state.fitted[number],
         std=state.std_of(state.effects[number]),
         evidence=2.0 * credible.ranking[0][1],
         proof=seen.proofs[number],
-        ranking=tuple((one, 2.0 * odds) for one, odds in credible.ranking),
+        ranking=tuple((hypothesis, 2.0 * odds) for hypothesis, odds in credible.ranking),
         index=number,
         number=state.effects[number].number,
         probability=credible.probability,
@@ -233,38 +234,41 @@ def _found(known: Weighed, number: int) -> Found:
 def _is_determined(state: State, number: int) -> bool:
     """Return whether the amplitudes of an effect differ from zero beyond chance, whatever all other values are."""
     block, fit = state.effects[number], state.fit
-    some = fit.places(block)[: len(block.effect.location.terms)]
-    some = some[np.isfinite(fit.posterior.std[some])]  # what nothing determines shows nothing
-    known = fit.posterior.covariance[np.ix_(some, some)]
-    return bool(
-        fit.values[some] @ np.linalg.pinv(known, hermitian=True) @ fit.values[some] > chdtri(len(some) or 1, DOUBT)
-    )
+    places = fit.places(block)[: len(block.effect.location.terms)]
+    places = places[np.isfinite(fit.posterior.std[places])]  # what nothing determines shows nothing
+    covariance, values = fit.posterior.covariance[np.ix_(places, places)], fit.values[places]
+    return bool(values @ np.linalg.pinv(covariance, hermitian=True) @ values > chdtri(len(places) or 1, DOUBT))
 
 
-def _suspects(known: Weighed) -> tuple[tuple[Effect, float], ...]:
+def _suspects(outcome: Weighed) -> tuple[tuple[Effect, float], ...]:
     """Return every single effect that competes for any place with its probability, the likeliest first."""
     chances = dict[tuple, tuple[Hypothesis, float]]()
-    own = ((one, seen.probability) for one, seen in zip(known.here.state.known, known.credible, strict=False))
-    for one, chance in (*own, *(pair for seen in known.credible for pair in seen.suspects)):
-        first, before = chances.get(one.spot, (one, 0.0))
-        chances[one.spot] = first, min(before + chance, 1.0)
+    pairs = zip(outcome.here.state.known, outcome.credible, strict=False)
+    named = ((hypothesis, seen.probability) for hypothesis, seen in pairs)
+    for hypothesis, chance in (*named, *(pair for seen in outcome.credible for pair in seen.suspects)):
+        first, before = chances.get(hypothesis.spot, (hypothesis, 0.0))
+        chances[hypothesis.spot] = first, min(before + chance, 1.0)
     ranked = sorted(chances.values(), key=lambda pair: -pair[1])
-    return tuple((one.one.effect(np.zeros(len(one.one.location.terms))), chance) for one, chance in ranked)
+    return tuple(
+        (hypothesis.one.effect(np.zeros(len(hypothesis.one.location.terms))), chance) for hypothesis, chance in ranked
+    )
 
 
 def _others(credible: Credible) -> tuple[tuple[Effect, float], ...]:
     """Return what else may be in a place, single effects without a size, with the probability of each."""
-    single = [(one.one, chance) for one, chance in credible.others]
-    return tuple((one.effect(np.zeros(len(one.location.terms))), chance) for one, chance in single)
+    single = [(candidate.one, chance) for candidate, chance in credible.others]
+    return tuple((candidate.effect(np.zeros(len(candidate.location.terms))), chance) for candidate, chance in single)
 
 
-def _places(known: Weighed, found: Sequence[Found]) -> list[Alternatives]:
+def _places(outcome: Weighed, findings: Sequence[Found]) -> list[Alternatives]:
     """Return what may be in the place of every effect that was found, or what may be missing where nothing was."""
-    count = len(known.here.state.declared.arm.effects)
-    causes: Sequence[Cause | None] = [Cause(one.effect, one.probability, count + one.index) for one in found]
-    single = known.credible[: len(known.here.state.known)]
-    if not known.here.state.known:
-        causes, single = [None], [known.credible[-1]]
+    count = len(outcome.here.state.declared.arm.effects)
+    causes: Sequence[Cause | None] = [
+        Cause(finding.effect, finding.probability, count + finding.index) for finding in findings
+    ]
+    single = outcome.credible[: len(outcome.here.state.known)]
+    if not outcome.here.state.known:
+        causes, single = [None], [outcome.credible[-1]]
     return [
         Alternatives(cause, [Cause(*pair) for pair in _others(credible)], credible.nothing)
         for cause, credible in zip(causes, single, strict=True)
@@ -276,8 +280,8 @@ def _before(state: State, certainty: Certainty) -> Before:
 
     Readings that scatter less than they state count as they state; see `certainty_of`.
     """
-    fit, own = state.fit, (*state.effects, *state.background.effects)
-    count = len(state.declared.arm.effects) + len(own)
+    fit, effects = state.fit, (*state.effects, *state.background.effects)
+    count = len(state.declared.arm.effects) + len(effects)
     setup = replace(fit.setup, arm=replace(fit.setup.arm, effects=fit.setup.arm.effects[:count]))
     effect = max(certainty.design_effect * min(fit.noise, 1.0) ** 2, 1.0)
     measured, least = Measured.of(fit, state.measurements, replace(certainty, design_effect=effect), setup), 1.0
@@ -287,12 +291,12 @@ def _before(state: State, certainty: Certainty) -> Before:
     return Before(setup, measured, {name: max(noise, least) for name, noise in noises_of(fit).items()})
 
 
-def _undecided(known: Weighed) -> Undecided | None:
+def _undecided(outcome: Weighed) -> Undecided | None:
     """Return what is left where it is much although no effect is likelier than none, None elsewhere."""
-    state, fit = known.here.state, known.here.state.fit
+    state, fit = outcome.here.state, outcome.here.state.fit
     if fit.noise**2 < VARIANCE_RATIO:
         return None
-    likeliest = max((chance for _, chance in known.credible[-1].suspects), default=0.0)
+    likeliest = max((chance for _, chance in outcome.credible[-1].suspects), default=0.0)
     poses, stated = int(state.groups.max()) + 1, fit.view.rms(fit.view.sigma)
     return Undecided(fit.rms, stated, poses, likeliest, fit.view.readings.unit)
 
@@ -302,21 +306,21 @@ def not_identifiable(here: Standing) -> tuple[Unidentifiable, ...]:
     regressors, fit = here.state.fit.regressors, here.state.fit
     sizes = np.maximum(np.sqrt((regressors**2).sum(axis=0)), 1e-300)
     added = {(effect.law.name, effect.location) for effect in here.state.fitted}
-    found: dict[tuple[str, str], Unidentifiable] = {}
+    taken_over: dict[tuple[str, str], Unidentifiable] = {}
     for number, share in here.screen.single().items():
         candidate = here.screen.groups[number].hypothesis.one
         key = (candidate.law.name, candidate.location.place)
-        if key in found or (candidate.law.name, candidate.location) in added or not candidate.law.physical:
+        if key in taken_over or (candidate.law.name, candidate.location) in added or not candidate.law.physical:
             continue
         if share is not None and share > ALMOST:
             continue
         partner: ArmParameter | None = None
         if share is not None:  # the parameter whose column is most like its own
-            own = here.screen.columns(here.screen.groups[number].places)[:, 0]
-            likeness = np.abs(regressors.T @ own) / (sizes * float(np.linalg.norm(own)))
+            column = here.screen.columns(here.screen.groups[number].places)[:, 0]
+            likeness = np.abs(regressors.T @ column) / (sizes * float(np.linalg.norm(column)))
             partner = fit.parameters[int(likeness.argmax())]
-        found[key] = Unidentifiable(*key, partner)
-    return tuple(found.values())
+        taken_over[key] = Unidentifiable(*key, partner)
+    return tuple(taken_over.values())
 
 
 def smallest(here: Standing) -> tuple[Smallest, ...]:
@@ -324,7 +328,7 @@ def smallest(here: Standing) -> tuple[Smallest, ...]:
 
     That is the size at which the log odds of the effect beside what was found are 0, at the scale that it is drawn at.
     """
-    screen, found = here.screen, dict[str, list[float]]()
+    screen, sizes_of = here.screen, dict[str, list[float]]()
     noise = screen.beside(here.model).noise  # beyond the scatter that columns are whitened by
     unit = UNIT_MOTION * screen.fit.view.per_metre * noise
     for number, share in screen.single().items():
@@ -334,5 +338,5 @@ def smallest(here: Standing) -> tuple[Smallest, ...]:
         information = share * screen.unit
         needed = np.log1p(SCALES**2 * information) - 2.0 * (hypothesis.prior - np.log(len(SCALES)))
         charged = needed / information * (1.0 + 1.0 / (SCALES**2 * information))
-        found.setdefault(hypothesis.one.law.name, []).append(unit * float(np.sqrt(charged.min())))
-    return tuple(Smallest(name, min(sizes), max(sizes)) for name, sizes in found.items())
+        sizes_of.setdefault(hypothesis.one.law.name, []).append(unit * float(np.sqrt(charged.min())))
+    return tuple(Smallest(name, min(sizes), max(sizes)) for name, sizes in sizes_of.items())

@@ -100,7 +100,7 @@ class Standing:
     @property
     def unrecorded(self) -> RandomTwist | None:
         """Where a random twist from pose to pose is credible beside none, None where nowhere."""
-        return next((one for one in self.places[:1] if _odds(one, self.places) > -np.log(DOUBT)), None)
+        return next((place for place in self.places[:1] if _odds(place, self.places) > -np.log(DOUBT)), None)
 
     @property
     def scattered(self) -> tuple[RandomTwist, ...]:
@@ -114,10 +114,10 @@ def standing(state: State, last: Standing | None = None) -> Standing:
         last.screen.forget()
     state.reporter.stage(f"screening what {len(state.rows)} rows still show")
     # Grids of loads follow the fit.
-    found = linear(state, hypotheses(state.context))
+    here = linear(state, hypotheses(state.context))
     visited = set() if last is None else last.visited
     visited.add(state.identity)
-    return replace(found, visited=visited)
+    return replace(here, visited=visited)
 
 
 def entered(state: State, last: Standing) -> Standing | None:
@@ -136,12 +136,12 @@ def led(state: State, passing: Callable[[Standing], None]) -> Standing:
     Half of `ROWS_AT_ONCE` poses lead a search almost to where all lead.
     """
     with suppress(ArmflexError):  # else it begins with nothing
-        if (some := of_poses(state, ROWS_AT_ONCE // 2)) is not None:
-            state.reporter.stage(f"beginning with {len(set(some.groups))} of {len(set(state.groups))} poses")
-            found = search(beginning(some), passing).state
+        if (fewer := of_poses(state, ROWS_AT_ONCE // 2)) is not None:
+            state.reporter.stage(f"beginning with {len(set(fewer.groups))} of {len(set(state.groups))} poses")
+            leading = search(beginning(fewer), passing).state
             state.reporter.stage(f"refitting with what they show, to {len(state.rows)} rows")
-            if found.known or found.background.names:
-                return standing(with_families(with_all_of(state, found)))
+            if leading.known or leading.background.names:
+                return standing(with_families(with_all_of(state, leading)))
     return beginning(state)
 
 
@@ -167,30 +167,30 @@ def with_families(state: State) -> State:
     return state
 
 
-def linear(state: State, known: Sequence[Hypothesis] = ()) -> Standing:
+def linear(state: State, hypotheses: Sequence[Hypothesis] = ()) -> Standing:
     """Return a state with the linear problem of these hypotheses and its own: without any, what a trial is worth."""
-    bank = Bank(tuple(one.one for one in known), state.fit, state.context, state.reporter, state.quiet)
-    screen = Screen(known, bank, state.bare.condensed, state.background.charge)
+    candidates = tuple(hypothesis.one for hypothesis in hypotheses)
+    bank = Bank(candidates, state.fit, state.context, state.reporter, state.quiet)
+    screen = Screen(hypotheses, bank, state.bare.condensed, state.background.charge)
     return Standing(state, screen, own_model(screen, state.hypotheses))
 
 
-def own_model(screen: Screen, known: Sequence[Hypothesis]) -> Model:
+def own_model(screen: Screen, hypotheses: Sequence[Hypothesis]) -> Model:
     """Return hypotheses as a model of a screen, each at the scale that is most probable beside the others.
 
     All of them, also where values inside a law have come to where no reading shows it: that may be nothing.
     """
-    model = tuple(
-        Chosen(number, 2) for number in screen.hold([(one, screen.bank.made(one.one)) for one in known], True)
-    )
-    for i, one in enumerate(model):
-        odds = screen.beside(without(model, i)).odds_at(one.number)
-        model = (*model[:i], replace(one, scale=int(odds.argmax())), *model[i + 1 :])
+    columns = [(hypothesis, screen.bank.made(hypothesis.one)) for hypothesis in hypotheses]
+    model = tuple(Chosen(number, 2) for number in screen.hold(columns, True))
+    for i, chosen in enumerate(model):
+        odds = screen.beside(without(model, i)).odds_at(chosen.number)
+        model = (*model[:i], replace(chosen, scale=int(odds.argmax())), *model[i + 1 :])
     return model
 
 
 def spots(screen: Screen, model: Model) -> Counter:
     """Return laws and places of a model, and how often each is in it: gears have several harmonics."""
-    return Counter(screen.groups[one.number].hypothesis.spot for one in model)
+    return Counter(screen.groups[chosen.number].hypothesis.spot for chosen in model)
 
 
 def _odds(place: RandomTwist, places: Sequence[RandomTwist]) -> float:
@@ -207,7 +207,7 @@ def search(begun: Standing, passing: Callable[[Standing], None] = lambda here: N
     """
     here, proposals = begun, (_random_first, *PROPOSALS)
     while not is_bounded(here):
-        after = next((one for propose in proposals if (one := propose(here)) is not None), None)
+        after = next((proposed for propose in proposals if (proposed := propose(here)) is not None), None)
         if after is None:
             break
         passing(after)
@@ -233,8 +233,8 @@ def _more_probable(here: Standing) -> Standing | None:
     """Propose the most probable model, once several and once a single hypothesis longer; a full one stays as it is."""
     if is_full(here):
         return None
-    some = max(MOST_TRIED, len(here.model))  # once there are many, as many as there are
-    model = _modelled(here, some)
+    more = max(MOST_TRIED, len(here.model))  # once there are many, as many as there are
+    model = _modelled(here, more)
     if spots(here.screen, model) == spots(here.screen, here.model):
         return None
     return _fitted(here, model) or _fitted(here, _modelled(here, 1))
@@ -244,10 +244,10 @@ def _anchored_anew(here: Standing) -> Standing | None:
     """Propose a model with one effect more, or another, for which a hose or a magnet in it has its place anew."""
     if is_full(here) or len(set(here.state.groups)) >= ROWS_AT_ONCE:  # some of its poses were asked
         return None
-    worth, known = here.screen.log_posterior, spots(here.screen, here.model)
-    near = [one for one in anchored_anew(here.screen.beside(here.model)) if worth(one) > here.value - WITHIN]
-    model = max((climbed(here.screen, one, refine) for one in near), key=worth, default=here.model)
-    if spots(here.screen, model) == known or worth(model) <= here.value + BETTER:
+    worth, spots_before = here.screen.log_posterior, spots(here.screen, here.model)
+    near = [model for model in anchored_anew(here.screen.beside(here.model)) if worth(model) > here.value - WITHIN]
+    model = max((climbed(here.screen, model, refine) for model in near), key=worth, default=here.model)
+    if spots(here.screen, model) == spots_before or worth(model) <= here.value + BETTER:
         return None
     return _fitted(here, model)
 
@@ -286,10 +286,10 @@ def _with_shapes(here: Standing) -> Standing | None:
     if not shaped:
         return None
     here.state.reporter.stage("searching waves and bumps")
-    gears = {(one.site, one.axis, one.covariates) for one in GEAR_HARMONIC.places(here.state.context.records)}
+    gears = {(place.site, place.axis, place.covariates) for place in GEAR_HARMONIC.places(here.state.context.records)}
     for law in (WAVE, BUMP):
         # A wave over its own drive is what the catalogue has of its gear: no reading could distinguish them.
-        places = [one for one in shaped if law is BUMP or (one.site, one.axis, one.covariates) not in gears]
+        places = [place for place in shaped if law is BUMP or (place.site, place.axis, place.covariates) not in gears]
         screen.extend(screen.likeliest(sought(law, places, here.state.context), ((), here.model), MOST_COMPETING))
     model = climbed(screen, here.model, refine)
     if spots(screen, model) == spots(screen, here.model):
@@ -304,8 +304,8 @@ def _is_free(hypothesis: Hypothesis) -> bool:
 
 def _shaped(screen: Screen, model: Model) -> list[Location]:
     """Return places at which free shapes explain most of what a model leaves."""
-    found: dict[Location, None] = {}
-    whole, left = (screen.beside(one).odds.max(axis=1) for one in ((), model))
+    places: dict[Location, None] = {}
+    whole, left = (screen.beside(held).odds.max(axis=1) for held in ((), model))
     for odds, least in ((left, 0.0), (whole, max(screen.beside(()).rough(whole.max()), 0.0))):
         free = [
             i
@@ -315,8 +315,8 @@ def _shaped(screen: Screen, model: Model) -> list[Location]:
         for i in sorted(free, key=lambda i: -odds[i])[:MOST_SHAPED]:
             location = screen.groups[i].hypothesis.one.location
             if len(location.covariates) == 1:
-                found.setdefault(Location(location.site, location.axis, location.covariates))
-    return list(found)
+                places.setdefault(Location(location.site, location.axis, location.covariates))
+    return list(places)
 
 
 def _fitted(here: Standing, model: Model) -> Standing | None:
@@ -325,8 +325,8 @@ def _fitted(here: Standing, model: Model) -> Standing | None:
     Where the fit does not come out as the linear problem promised, what is new leaves it one by one: what the problem
     at that fit can spare best. What did not come out so is not fitted from this state again.
     """
-    known, count = spots(here.screen, here.model), len(here.state.rows)
-    while (asked := spots(here.screen, model)) != known and asked not in here.rejected:
+    spots_before, count = spots(here.screen, here.model), len(here.state.rows)
+    while (asked := spots(here.screen, model)) != spots_before and asked not in here.rejected:
         here.rejected.append(asked)
         state = refitted(here, model)
         if state is None:
@@ -336,9 +336,9 @@ def _fitted(here: Standing, model: Model) -> Standing | None:
         sized = with_families(state) if better and state.background.names else state
         if better and (after := entered(sized, here)):
             return after
-        places = [here.screen.groups[one.number].hypothesis.spot for one in model]
-        new = [i for i, spot in enumerate(places) if asked[spot] > known[spot]]
-        if len(new) == 1 and places[new[0]] not in known:
+        places = [here.screen.groups[chosen.number].hypothesis.spot for chosen in model]
+        new = [i for i, spot in enumerate(places) if asked[spot] > spots_before[spot]]
+        if len(new) == 1 and places[new[0]] not in spots_before:
             here.screen.fall_short(places[new[0]], here.screen.log_posterior(model) - trial.value)
         left = {i: trial.screen.log_posterior(without(trial.model, i)) for i in new}
         spared = max(left, key=left.__getitem__, default=None)
@@ -357,7 +357,7 @@ def _instead_of_families(here: Standing) -> Standing | None:
         value = fewer.screen.log_posterior(model)
         if value > here.value + BETTER:
             proposed.append((value, fewer, model))
-    for _, fewer, model in sorted(proposed, key=lambda one: -one[0]):
+    for _, fewer, model in sorted(proposed, key=lambda proposal: -proposal[0]):
         state = refitted(fewer, model)
         if state is None or linear(state).value <= here.value + BETTER:
             continue
@@ -384,33 +384,33 @@ def _without(here: Standing, family: str) -> Standing:
 def refitted(here: Standing, model: Model) -> State | None:
     """Return the state fitted with a model and nothing else, None where the arm with it does not come to rest."""
     screen, state, beside = here.screen, here.state, here.screen.beside(model)
-    groups = [screen.groups[one.number] for one in model]
-    known = tuple(one.hypothesis for one in groups)
-    titles = Counter(one.title for one in known).items()
+    groups = [screen.groups[chosen.number] for chosen in model]
+    named = tuple(group.hypothesis for group in groups)
+    titles = Counter(hypothesis.title for hypothesis in named).items()
     names = ", ".join(f"{title}{f' ({number} times)' if number > 1 else ''}" for title, number in titles)
     state.reporter.stage(f"refitting with {names or 'nothing'}")
     present: dict[tuple, list[Array]] = {}
-    for one, effect in zip(state.known, state.fitted, strict=True):
-        present.setdefault(one.spot, []).append(effect.acting)
+    for hypothesis, effect in zip(state.known, state.fitted, strict=True):
+        present.setdefault(hypothesis.spot, []).append(effect.acting)
     blocks, starts = list[EffectBlock](), list[tuple[Array, Array]]()
     for chosen, group, amplitudes in zip(model, groups, beside.amplitudes, strict=True):
         tau = group.scale * SCALES[chosen.scale] / (beside.noise * screen.quiet)
-        one, count, now = group.hypothesis.one, len(amplitudes), present.get(group.hypothesis.spot)
-        derived = tuple(name for name in one.location.covariates if name in state.measurements.derived)
-        effect = replace(one.effect(amplitudes), derived=derived).seen_in(state.context, state.rows)
-        prior = amplitude_prior(effect, one.fitted, state.fit.view, state.context)
+        candidate, count, now = group.hypothesis.one, len(amplitudes), present.get(group.hypothesis.spot)
+        derived = tuple(name for name in candidate.location.covariates if name in state.measurements.derived)
+        effect = replace(candidate.effect(amplitudes), derived=derived).seen_in(state.context, state.rows)
+        prior = amplitude_prior(effect, candidate.fitted, state.fit.view, state.context)
         prior[:count] = np.minimum(prior[:count], np.where(tau > 0.0, tau, 1e-12))
         number = len(state.declared.arm.effects) + len(blocks)
-        blocks.append(EffectBlock(effect, one.fitted, state.context, number, prior))
+        blocks.append(EffectBlock(effect, candidate.fitted, state.context, number, prior))
         start, promised = blocks[-1].start, np.zeros(len(prior))
         promised[:count] = start[:count] - (now.pop(0) if now else 0.0)
         starts.append((start, promised))
     projection, rest = screen.projection, sum(len(block.parameters) for block in state.blocks)
     absorbed = projection.whole(projection.absorbed(projection.data - screen.explained(beside)))
     beside_effects = absorbed[rest:]  # families, and a random twist
-    if not known:  # of several minima that of the calibration
+    if not named:  # of several minima that of the calibration
         absorbed = state.first.values
-    after = replace(state, known=known, heed=True)
+    after = replace(state, known=named, heed=True)
     for share in (1.0, 0.5, 0.0):  # an arm may buckle where straight lines lead
         declared = moved(state.blocks, state.fit.values[:rest], share * (absorbed[:rest] - state.fit.values[:rest]))
         effects = [start - (1.0 - share) * promised for start, promised in starts]
@@ -427,10 +427,11 @@ def _with_products(here: Standing) -> Standing | None:
     screen, context = here.screen, here.state.context
     here.state.reporter.stage("searching products of columns")
     for law in (PRODUCT, WAVE_PRODUCT):
-        every = [((one.site, one.axis), one) for one in places_of(law, context)]
+        every = [((location.site, location.axis), location) for location in places_of(law, context)]
         free = {place for place, _ in every}
-        likely = [place for one in here.scattered if (place := (one.site, one.axis)) in free][:MOST_TRIED]
-        locations = [one for place in likely for own, one in every if own == place]
+        likely = [(twist.site, twist.axis) for twist in here.scattered]
+        likely = [place for place in likely if place in free][:MOST_TRIED]
+        locations = [location for place in likely for there, location in every if there == place]
         screen.extend(screen.likeliest(sought(law, locations, context), ((), here.model), MOST_COMPETING))
     return _fitted(here, climbed(screen, here.model, refine))
 
