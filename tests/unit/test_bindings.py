@@ -8,7 +8,7 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).parents[2] / "armflex"
 EMPTY = {"one", "found", "own", "known", "some"}
-MOST = 640
+MOST = 448
 """Bindings of such names: arguments, variables, targets of loops and of comprehensions, fields of classes."""
 
 
