@@ -46,10 +46,10 @@ def refine(beside: Beside, some: Sequence[Rival]) -> None:
     others = frozenset(screen.groups[one.number].hypothesis.spot for one in beside.model)
     found, odds = list[Hypothesis](), beside.odds.max(axis=1)
 
-    def of_grid(spot: tuple, most: int) -> list[Hypothesis]:
+    def of_grid(spot: tuple) -> list[Hypothesis]:
         known = [group.hypothesis for group in screen.groups[: len(odds)]]
         like = [i for i, one in enumerate(known) if one.spot == spot and one.prior > -np.inf]  # slopes have none
-        return [screen.groups[i].hypothesis for i in sorted(like, key=lambda i: -odds[i])[:most]]
+        return [screen.groups[i].hypothesis for i in sorted(like, key=lambda i: -odds[i])[:MOST_TRIED]]
 
     def best(starts: Sequence[Hypothesis], tau: float) -> list[Hypothesis]:
         tried = [one for start in starts if (one := _Search(screen, beside, start, tau).best()) is not None]
@@ -59,10 +59,8 @@ def refine(beside: Beside, some: Sequence[Rival]) -> None:
         hypothesis = screen.groups[rival.chosen.number].hypothesis
         before = screen.refined.setdefault(hypothesis.spot, set())
         if others not in before and (not before or place < MOST_TRIED):
-            # Where it was refined beside other laws, its place is known almost.
-            most = 1 if before else MOST_TRIED
             before.add(others)
-            starts = of_grid(hypothesis.spot, most) if hypothesis.one.law.search is Search.SPACE else [hypothesis]
+            starts = of_grid(hypothesis.spot) if hypothesis.one.law.search is Search.SPACE else [hypothesis]
             found += best(starts, SCALES[rival.chosen.scale])
     screen.extend(found)
     lead = screen.groups[int(beside.odds.max(axis=1).argmax())].hypothesis
@@ -79,7 +77,7 @@ def refine(beside: Beside, some: Sequence[Rival]) -> None:
         before = screen.refined.setdefault(spot, set())
         if spot != lead.spot and led not in before:
             before.add(led)
-            grid = of_grid(spot, 1)[0]
+            grid = of_grid(spot)[0]
             there = replace(grid, one=replace(grid.one, inner=inner))
             found += best([grid, there], SCALES[len(SCALES) // 2])
     screen.extend(found)
