@@ -140,8 +140,8 @@ def as_row(reading: Reading, arm: Arm) -> Measurements:
     if reading.rotation is not None:
         rotation = finite_array(reading.rotation, "rotation", (Orientation.dimension,))[None]
         kinds.append(Orientation(rotation, np.full(rotation.shape, reading.sigma_r, dtype=float)))
-    for name in reading.sensors.keys() - arm.sensors.keys():
-        raise UnknownNameError("instrument", name, arm.sensors)
+    if unknown := [name for name in reading.sensors if name not in arm.sensors]:
+        raise UnknownNameError("instrument", unknown[0], arm.sensors)
     for sensor in [sensor for name, sensor in arm.sensors.items() if name in reading.sensors]:
         values, size = np.atleast_1d(reading.sensors[sensor.name]), sensor.unread(1).dimension
         values = finite_array(values, sensor.name, (size,))[None]
