@@ -40,7 +40,7 @@ from armflex.laws.effects.encoder_scale import ENCODER_SCALE
 from armflex.laws.effects.location import BASE, Location, drive_axis
 from armflex.laws.effects.shapes import PAIRS, ROUNDING
 from armflex.laws.effects.unnamed import LINE, LINE_COMPLIANCE, LINE_PLAY
-from armflex.laws.effects.wandering import BASE_WANDERING, DRIVE_WANDERING, WALK_TERMS, walk_terms
+from armflex.laws.effects.wandering import BASE_WANDERING, DRIVE_WANDERING, WALK_TERMS, walk_at, walk_terms
 from armflex.linear_gaussian import squared
 from armflex.parameters import DOUBT
 from armflex.robot.urdf import Joint
@@ -536,8 +536,8 @@ def _wandering(fit: Fit, context: Context) -> Iterator[Member]:
         return Walk(site, axis, np.ones(WALK_TERMS), waves, session)
 
     def whole(law: TwistLaw, site: str, axis: str) -> Candidate | Walk:
-        where = Location(site, axis, (TIME,), tuple(range(WALK_TERMS)))
-        return Candidate(law, where, ends) if timed and ends[0] < ends[1] else walk(site, axis, view.rows)
+        clocked = timed and ends[0] < ends[1]
+        return Candidate(law, walk_at(site, axis), ends) if clocked else walk(site, axis, view.rows)
 
     sessions = np.array(view.sessions)
     for axis in TWIST_NAMES[:3]:

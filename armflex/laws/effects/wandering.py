@@ -68,14 +68,17 @@ def _walk(name: str, direction: Callable[[Here, Values], Array], **more: Any) ->
     )
 
 
+def walk_at(site: str, axis: str) -> Location:
+    """Return the place of a walk of all terms, in time."""
+    return Location(site, axis, (TIME,), tuple(range(WALK_TERMS)))
+
+
 def _at_base(records: Records) -> list[Location]:
-    every = tuple(range(WALK_TERMS))
-    return [Location(BASE, axis, (TIME,), every) for axis in TWIST_NAMES if records.timed]
+    return [walk_at(BASE, axis) for axis in TWIST_NAMES if records.timed]
 
 
 def _at_drives(records: Records) -> list[Location]:
-    every = tuple(range(WALK_TERMS))
-    return [Location(joint.name, drive_axis(joint), (TIME,), every) for joint in records.robot.moving if records.timed]
+    return [walk_at(joint.name, drive_axis(joint)) for joint in records.robot.moving if records.timed]
 
 
 BASE_WANDERING = _walk(
