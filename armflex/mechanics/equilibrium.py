@@ -1,9 +1,9 @@
 """Where the loaded arm comes to rest: `twist = law(load(twist))`, and whether it stays there.
 
-The engine is asked, and where it does not answer, or an arm with loops moves, Pinocchio: Newton's method on the flexures'
-exponential coordinates with its geometric stiffness, see `mechanism`. A fixed point cannot distinguish a stable
-equilibrium from a buckled one: the bound of `certificate` can where the arm is stiff, the tangent `I + C dτ/dtwist`
-everywhere.
+The engine is asked, and where it does not answer, or an arm with loops moves, Pinocchio: Newton's method on the
+flexures' exponential coordinates with its geometric stiffness, see `mechanism`. A fixed point cannot distinguish a
+stable equilibrium from a buckled one: the bound of `certificate` can where the arm is stiff, the tangent
+`I + C dτ/dtwist` everywhere.
 """
 
 from __future__ import annotations

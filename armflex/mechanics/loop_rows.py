@@ -83,7 +83,9 @@ def tree_of(flex: FlexModel, ties: Ties, closing: Closing) -> Tree:
         joins[t, 0] = COIL if isinstance(spring.law, CoilSpring) else GAS
         numbers[t, 24:27] = spring.law.numbers
     counts = driven + len(ties.cylinders), len(flex.free_v)
-    return Tree(chain.elements, kinds, chain.parents, carried, numbers, joins, rows, ways, flexures, chain.inertias, *counts)
+    return Tree(
+        chain.elements, kinds, chain.parents, carried, numbers, joins, rows, ways, flexures, chain.inertias, *counts
+    )
 
 
 def trees(loaded: LoadedArm) -> tuple[Tree, Tree | None, Tree]:

@@ -99,14 +99,16 @@ class Pushes:
         self.rows, loads = next((one.rows for one in wrenches if one.rows is not None), None), self._loads
         self._acting = [(load.frame, load.follows, load.dead or load.follows) for load in loads]
         if before is not None and before._acting == self._acting:  # at the same links in the same axes
-            self._chain, self._frames, self.links, self.posed = before._chain, before._frames, before.links, before.posed
+            self._chain, self._frames = before._chain, before._frames
+            self.links, self.posed = before.links, before.posed
         else:
             self._chain = loaded.sited_chain if sited else loaded.chain
             frames = loaded.link_frames if sited else loaded.plain_link_frames
-            self._frames = own = frames.some([frames.names.index(load.frame) for load in loads])
-            inboard = [self._chain.flexures_inboard(int(element)) for element in own.places[0]]
+            self._frames = frames.some([frames.names.index(load.frame) for load in loads])
+            elements = self._frames.places[0]
+            inboard = [self._chain.flexures_inboard(int(element)) for element in elements]
             following = [follows for _, follows, _ in self._acting]
-            self.links = np.array([own.places[0], inboard, following], dtype=np.int64).reshape(3, -1).T.copy()
+            self.links = np.array([elements, inboard, following], dtype=np.int64).reshape(3, -1).T.copy()
             self.posed = [j for j, (_, _, same) in enumerate(self._acting) if not same]
         same = [(j, load.at(UNMOVED)) for j, load in enumerate(loads) if j not in self.posed]
         each = max((len(load) for _, load in same if load.ndim == 2), default=1)

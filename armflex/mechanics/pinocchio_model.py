@@ -220,11 +220,11 @@ class LoadCase(NamedTuple):
         """(2, nq) or (N, 2, nq) velocities and accelerations; None where it stands."""
         if self.v is None and self.a is None:
             return None
-        found = np.zeros((*self.q.shape[:-1], 2, self.q.shape[-1]))
+        motion = np.zeros((*self.q.shape[:-1], 2, self.q.shape[-1]))
         for order, rates in enumerate((self.v, self.a)):
             if rates is not None:
-                found[..., order, :] = rates
-        return found
+                motion[..., order, :] = rates
+        return motion
 
     def some(self, rows: int | slice | np.ndarray) -> LoadCase:
         """Return one of N rows, or the (M,) of some numbers."""

@@ -43,8 +43,8 @@ NUMBERS = (
 )
 ARRAYS = (
     "elements kinds parents carried tie joins row way flexure compliance offset neurons starts bent shapes spans "
-    "pieces weights factor knots change weighing varies known bounds links wrenches changes pulls windowed windows inertias "
-    "motion"
+    "pieces weights factor knots change weighing varies known bounds links wrenches changes pulls windowed windows "
+    "inertias motion"
 )
 
 
