@@ -610,10 +610,9 @@ class Arm:
         if array.shape != expected:
             order = ", ".join(self.joint_names)
             raise ShapeError(f"{name}: expected shape {expected} in the order {order}, got {array.shape}")
-        bad = ~(np.abs(array) <= LARGEST_POSITION)
-        if bad.any():
-            joint = self.joint_names[int(bad.argmax())]
-            raise NotFiniteError(f"{name} of joint {joint!r} is {array[int(bad.argmax())]:g}, not a usable number")
+        for joint, value in zip(self.joint_names, array.tolist(), strict=True):
+            if not -LARGEST_POSITION <= value <= LARGEST_POSITION:
+                raise NotFiniteError(f"{name} of joint {joint!r} is {value:g}, not a usable number")
         return array.copy()  # results are lazy; a caller's buffer must not change them
 
     @cached_property

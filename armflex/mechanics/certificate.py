@@ -16,6 +16,13 @@ it carries; only what moves against the flexure changes its load:
 
     j outboard of i:       force f |dr|,  moment f |dv| + (f s + m) |dr|    (m, s of i)
 
+What bodies need to be accelerated, where joints move with speeds v and accelerations a, turns and shifts likewise. Of
+turning joints let d_l be by how much `sum |a| + 1.5 (sum |v|)^2`, the sums from the base to a joint, grows at joint l:
+the angular acceleration and the square of the angular velocity of what is outboard add up to less than the sum of d.
+So l adds at most d_l times the way from it to the acceleration of a body's centre, a slide `|a_l| + 2 |v_l| sum |v|`.
+These are sums of products of at most three vectors, of four where a body's inertia is one: a turn of flexure j changes
+each by as many times |dr|, once more in the axes of a flexure outboard of j; a shift changes one way in a product.
+
 With the norms of C's blocks this bounds every 3 x 3 block of C G E, and `max_i (sum_j N_ij x_j) / x_i` bounds the
 whole in the norm `max |part_i| / x_i`, whatever the positive x; the best x is the eigenvector of N. Distances are those
 of a chain pulled straight, so the bound is a few times what it bounds. That is enough: arms are stiff.
@@ -25,7 +32,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import numpy as np
@@ -58,6 +65,8 @@ class StabilityBound:
         compliance_bound: (n, 2, 2) sums of these.
         per_load: Link, and whether a load follows it -> (2, n, 2) `change` per force [1/N] and per moment [1/(N m)] at
             its origin.
+        per_motion: (nq, n, 2) `change` per d of each joint [s^2, or s^2/m of a slide]; see above.
+        turning: Of every joint whether it turns, and is no slide.
         ranges: Of the joints.
     """
 
@@ -66,6 +75,8 @@ class StabilityBound:
     parts: tuple[tuple[tuple[Law, Array | None], ...], ...]
     compliance_bound: Array
     per_load: Callable[[str, bool], Array]
+    per_motion: Callable[[], Array]
+    turning: tuple[bool, ...]
     ranges: Ranges
 
     @cached_property
@@ -82,9 +93,47 @@ class StabilityBound:
     def _bounded(self) -> bool:
         return all(bound is not None for own in self.parts for _, bound in own)
 
+    def proven_under(self, loads: Sequence[Load], motion: Array | None = None) -> bool:
+        """Return whether nothing need be asked under further loads and (2, nq) speeds and accelerations either.
+
+        It is a sum of what each takes of the bound at its worst flexure: quick, and sometimes less than `proven` says.
+        """
+        if not self._bounded or not all(load.dead or load.follows for load in loads):
+            return False
+        taken = self._taken
+        for load in loads:
+            force, moment = self._taken_by(load.frame, load.follows)
+            taken += force * load.sizes[0] + moment * load.sizes[1]
+        if motion is None:
+            return taken <= 1.0
+        spin = 0.0  # of all that turns inboard [rad/s]
+        for speed, acceleration, (share, turns) in zip(*np.abs(motion).tolist(), self._taken_by_motion, strict=True):
+            squares = 1.5 * (2.0 * spin + speed) * speed if turns else 2.0 * spin * speed
+            taken += share * (acceleration + squares)
+            spin += speed if turns else 0.0
+        return taken <= 1.0
+
+    @cached_property
+    def _taken(self) -> float:
+        return float(self._worst(self.change))
+
+    @cached_property
+    def _taken_by(self) -> Callable[[str, bool], tuple[float, float]]:
+        return cache(lambda link, follows: tuple(self._worst(self.per_load(link, follows)).tolist()))
+
+    @cached_property
+    def _taken_by_motion(self) -> list[tuple[float, bool]]:
+        return list(zip(self._worst(self.per_motion()).tolist(), self.turning, strict=True))
+
+    def _worst(self, change: Array) -> Array:
+        """Return the (...) greatest shares of (..., n, 2) changes in what is proven to be harmless."""
+        shares = (self.compliance_bound @ change[..., None])[..., 0] / (SHARE * self.reference)
+        return shares.max(axis=(-2, -1), initial=0.0)
+
     def with_laws(self, stack: LawStack) -> StabilityBound:
         """Return the bound for the same arm with other laws."""
-        return StabilityBound(self.change, self.reference, *_steepest(stack, self.ranges), self.per_load, self.ranges)
+        parts, bound = _steepest(stack, self.ranges)
+        return replace(self, parts=parts, compliance_bound=bound)
 
     def under(self, loads: Sequence[Load]) -> StabilityBound | None:
         """Return the bound under further loads; None where one depends on more than its axes, or is no number."""
@@ -94,9 +143,7 @@ class StabilityBound:
                 return None
             (force, moment), per_load = load.sizes, self.per_load(load.frame, load.follows)
             change = change + (force * per_load[0] + moment * per_load[1])
-        if not math.isfinite(change.sum()):
-            return None
-        return StabilityBound(change, self.reference, self.parts, self.compliance_bound, self.per_load, self.ranges)
+        return replace(self, change=change) if math.isfinite(change.sum()) else None
 
     def stays(self, wrenches: Array, tangent: Callable[[Law, Array], Array]) -> bool | np.ndarray:
         """Return (...) whether it is proven that the arm stays under (..., 6 n) loads on its flexures.
@@ -134,6 +181,7 @@ def bound_stability(
     stack: LawStack,
     ranges: Ranges,
     travel: Mapping[int, float],
+    drives: Sequence[int],
     links: Callable[[str], tuple[int, Array]],
 ) -> StabilityBound:
     """Return the bound for a serial model under its own weight.
@@ -144,6 +192,7 @@ def bound_stability(
         stack: Laws of the flexures.
         ranges: Smallest and largest position of every joint that a law may depend on.
         travel: Pinocchio joint -> the most [m] that it moves what is outboard; flexures and turning joints left out.
+        drives: Pinocchio joints in the order of positions.
         links: Link -> the Pinocchio joint that it moves with, and (3,) where its origin is on that [m].
     """
     gravity, places = float(np.linalg.norm(model.gravity.linear)), np.asarray(joints, dtype=int)
@@ -176,8 +225,15 @@ def bound_stability(
             both = (of(places, carried, arms), of(places, 0.0 * carried, carried))
             return np.einsum("lipjq,jq->lip", both, reference)
 
+        @cache
+        def per_motion() -> Array:
+            inertia = np.array([float(np.linalg.norm(body.inertia, 2)) for body in model.inertias.tolist()])
+            changes = [_changes_moving(places, j, j not in travel, along, along + own, mass, inertia) for j in drives]
+            return np.einsum("lipjq,jq->lip", np.array(changes).reshape(-1, *whole.shape), reference)
+
         change = np.einsum("ipjq,jq->ip", whole, reference)
-    return StabilityBound(change, reference, parts, compliance_bound, per_load, ranges)
+    turning = tuple(joint not in travel for joint in drives)
+    return StabilityBound(change, reference, parts, compliance_bound, per_load, per_motion, turning, ranges)
 
 
 def _steepest(stack: LawStack, ranges: Ranges) -> tuple[tuple[tuple[tuple[Law, Array | None], ...], ...], Array]:
@@ -209,6 +265,40 @@ def _changes_following(places: np.ndarray, force: Array, moment: Array) -> Array
     total = np.zeros((len(places), 2, len(places), 2))
     total[:, 0, :, 1] = total[:, 1, :, 0] = np.where(outboard, force[:, None], 0.0)
     total[:, 1, :, 1] = np.where(outboard, moment[:, None], 0.0)
+    return _per_coordinate(total)
+
+
+def _changes_moving(
+    places: np.ndarray, joint: int, turns: bool, along: Array, ways: Array, mass: Array, inertia: Array
+) -> Array:
+    """Return the same for what accelerates a joint, per unit of d.
+
+    Args:
+        places: (n,) Pinocchio joints of the flexures.
+        joint: Pinocchio joint that is accelerated.
+        turns: Whether it turns.
+        along, ways: (k,) distances of joints, and of the bodies' centres at most, from the base [m].
+        mass, inertia: (k,) of the bodies [kg], and the greatest about their centres [kg m^2].
+    """
+    carried, arm = np.arange(len(mass)) >= joint, along[joint] if turns else 0.0
+    turned = mass * carried * (np.maximum(ways - arm, 0.0) if turns else 1.0)  # mass times acceleration
+    shifted = mass * carried * float(turns)  # per shift of what is between
+    spun = inertia * carried * float(turns)
+    both, outboard = np.maximum.outer(places, places), places[None, :] > places[:, None]
+
+    def beyond(values: Array) -> Array:
+        """Return (n, n) sums over what both flexures carry."""
+        return np.cumsum(values[::-1])[::-1][both]
+
+    def moments(values: Array, start: Array) -> Array:
+        """Return the same of values times their way from a flexure."""
+        return beyond(values * ways) - start * beyond(values)
+
+    first, second = along[places][:, None], along[places][None, :]
+    total = np.zeros((len(places), 2, len(places), 2))
+    total[:, 0, :, 0], total[:, 0, :, 1] = beyond(shifted), 4.0 * beyond(turned)
+    total[:, 1, :, 0] = moments(shifted, first) + outboard * beyond(turned)
+    total[:, 1, :, 1] = 4.0 * moments(turned, first) + outboard * moments(turned, second) + 5.0 * beyond(spun)
     return _per_coordinate(total)
 
 

@@ -12,12 +12,16 @@ from armflex.conventions import Array
 from armflex.mechanics.engine.tables import FLEXURE, RIGID, ROTATED, SLIDES, TURNS, Tree
 from armflex.mechanics.pinocchio_model import FlexModel
 
+SIX = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
+"""Where xx yy zz xy xz yz stand in an inertia."""
+
 
 def chain_of(flex: FlexModel, flexure_joints: Sequence[int]) -> Tree:
     """Return a model without ties, with flexures at some of Pinocchio's joints; its other free-flyers do not move."""
     model, numbers = flex.model, {joint: i for i, joint in enumerate(flexure_joints)}
     joints = {int(place): i for i, place in enumerate([*flex.v_index, *flex.free_v])}
     elements, kinds = np.zeros((model.njoints + 1, 20)), np.full((3, model.njoints), -1, dtype=np.int64)
+    inertias = np.array([body.inertia[SIX] for body in model.inertias.tolist()])
     for k in range(model.njoints):
         placement, body, kind, place, axis = model.jointPlacements[k], model.inertias[k], RIGID, -1, np.zeros(3)
         if k in numbers:
@@ -39,7 +43,7 @@ def chain_of(flex: FlexModel, flexure_joints: Sequence[int]) -> Tree:
     ties, rows = (np.zeros((0, model.njoints)), np.zeros((0, 45)), np.zeros((0, 6), dtype=np.int64)), np.zeros((0, 6))
     flexures = np.array(flexure_joints, dtype=np.int64)
     driven, passive = len(flex.v_index), len(flex.free_v)
-    return Tree(elements, kinds, parents, *ties, rows, rows, flexures, driven, passive)
+    return Tree(elements, kinds, parents, *ties, rows, rows, flexures, inertias, driven, passive)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,9 +1,9 @@
 """Where the loaded arm comes to rest: `twist = law(load(twist))`, and whether it stays there.
 
-The engine is asked, and where it does not answer, or the arm moves, Pinocchio: Newton's method on the flexures'
-exponential coordinates with its geometric stiffness, see `mechanism`. A fixed point cannot distinguish a stable
-equilibrium from a buckled one: the bound of `certificate` can where the arm is stiff, the tangent `I + C dτ/dtwist`
-everywhere.
+The engine is asked, and where it does not answer, or an arm with loops moves, Pinocchio: Newton's method on the
+flexures' exponential coordinates with its geometric stiffness, see `mechanism`. A fixed point cannot distinguish a
+stable equilibrium from a buckled one: the bound of `certificate` can where the arm is stiff, the tangent
+`I + C dτ/dtwist` everywhere.
 """
 
 from __future__ import annotations
@@ -37,8 +37,9 @@ RUNS_AWAY = np.errstate(over="ignore", invalid="ignore")
 """What runs away is refused, not warned of."""
 
 
-Quick = Callable[[Array, Mapping[str, Array]], Rest | None]
-"""From (nq,) positions and covariates to where the arm rests; None where the reference must be asked."""
+Quick = Callable[[Array, Mapping[str, Array], Array | None], Rest | None]
+"""From (nq,) positions, covariates and (2, nq) speeds and accelerations, None where it stands, to where the arm rests;
+None where the reference must be asked."""
 
 
 class Equilibrium(NamedTuple):
@@ -90,8 +91,10 @@ def find_equilibrium(
         SmallDisplacementError: A flexure turned by more than `MAX_ROTATION`.
     """
     check_method(method)
-    if method == "exact" and not case.moves and (rest := quick_of(loaded, case.wrenches)(case.q, case.covariates)):
-        return at_rest(loaded, case, rest)
+    if method == "exact":
+        rest = quick_of(loaded, case.wrenches)(case.q, case.covariates, case.motion)
+        if rest is not None:
+            return at_rest(loaded, case, rest)
     return _by_newton(loaded, case, allow_large)
 
 

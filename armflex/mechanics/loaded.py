@@ -302,12 +302,13 @@ class LoadedArm:
         travel = {model.getJointId(joint.name): max(abs(joint.lower), abs(joint.upper)) for joint in slides}
         if not np.isfinite(list(travel.values())).all():
             return None
+        drives = [model.getJointId(joint.name) for joint in self.arm.robot.moving]
 
         def link(name: str) -> tuple[int, Array]:
             _, joint, _, pose = link_frame(model, flex.frame(name))
             return joint, pose.translation
 
-        bound = bound_stability(model, self.flexure_joints, self.arm.stack, ranges, travel, link)
+        bound = bound_stability(model, self.flexure_joints, self.arm.stack, ranges, travel, drives, link)
         return bound.under(self.arm.pulls)
 
     @cached_property

@@ -83,7 +83,9 @@ def tree_of(flex: FlexModel, ties: Ties, closing: Closing) -> Tree:
         joins[t, 0] = COIL if isinstance(spring.law, CoilSpring) else GAS
         numbers[t, 24:27] = spring.law.numbers
     counts = driven + len(ties.cylinders), len(flex.free_v)
-    return Tree(chain.elements, kinds, chain.parents, carried, numbers, joins, rows, ways, flexures, *counts)
+    return Tree(
+        chain.elements, kinds, chain.parents, carried, numbers, joins, rows, ways, flexures, chain.inertias, *counts
+    )
 
 
 def trees(loaded: LoadedArm) -> tuple[Tree, Tree | None, Tree]:
@@ -119,9 +121,9 @@ class LoopSolver:
         self._one = OneRest(self._tree, self._single)
         self._plain: bool | None = None
 
-    def one(self, q: Array, covariates: Mapping[str, Array]) -> Rest | None:
+    def one(self, q: Array, covariates: Mapping[str, Array], motion: Array | None = None) -> Rest | None:
         """Return where it rests at (nq,) positions; None beyond its limits, and where the engine does not answer."""
-        if not self._loaded.arm.within_limits(q.tolist()):
+        if motion is not None or not self._loaded.arm.within_limits(q.tolist()):
             return None
         closing, found, row = self._closing, self._single, self._loaded.row(q, covariates)
         last = closing.last if self._nominal is None else None

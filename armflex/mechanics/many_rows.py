@@ -42,6 +42,7 @@ SETTLED = 3e-14
 """Change between two rounds: of all flexures' twists [m, rad], and of a wrench by its size."""
 
 NO_FACTORS = np.zeros(0)
+UNMOVED = np.eye(4)
 NO_FRAMES = Frames((), np.zeros((2, 0), dtype=np.int64), np.zeros((0, 12)))
 NO_TANGENTS = np.zeros((0, 0, 6, 6))
 
@@ -83,27 +84,40 @@ class Pushes:
         links: (L, 3) element of a chain that each link is fixed to, how many flexures move it, and whether its wrench
             follows it: is in the element's axes.
         posed: Numbers of the loads that depend on their links' poses otherwise.
+        same: (1 or N, L, 9) `wrenches` of the others.
         rows: How many rows they are for, None where each is the same in any.
     """
 
-    def __init__(self, loaded: LoadedArm, wrenches: Sequence[Wrench] = (), sited: bool = False) -> None:
+    def __init__(
+        self,
+        loaded: LoadedArm,
+        wrenches: Sequence[Wrench] = (),
+        sited: bool = False,
+        before: Pushes | None = None,
+    ) -> None:
         self._wrenches, self._loads = wrenches, (*wrenches, *loaded.arm.pulls)
         self.rows, loads = next((one.rows for one in wrenches if one.rows is not None), None), self._loads
-        self._chain = loaded.sited_chain if sited else loaded.chain
-        frames = loaded.link_frames if sited else loaded.plain_link_frames
-        self._frames = own = frames.some([frames.names.index(load.frame) for load in loads])
-        elements = own.places[0]
-        inboard = [self._chain.flexures_inboard(int(element)) for element in elements]
-        following = [load.follows for load in loads]
-        self.links = np.array([elements, inboard, following], dtype=np.int64).reshape(3, -1).T.copy()
-        self.posed = [j for j, load in enumerate(loads) if not (load.dead or load.follows)]
-        same = {j: load.at(np.eye(4)) for j, load in enumerate(loads) if j not in self.posed}
-        each = max((len(load) for load in same.values() if load.ndim == 2), default=1)
-        self._same = np.zeros((each, len(loads), 9))
-        self._same[:, :, :3] = own.numbers[:, 9:]
-        for j, load in same.items():
-            turn = np.kron(np.eye(2), own.numbers[j, :9].reshape(3, 3).T)
-            self._same[:, j, 3:] = load @ turn if following[j] else load
+        self._acting = [(load.frame, load.follows, load.dead or load.follows) for load in loads]
+        if before is not None and before._acting == self._acting:  # at the same links in the same axes
+            self._chain, self._frames = before._chain, before._frames
+            self.links, self.posed = before.links, before.posed
+        else:
+            self._chain = loaded.sited_chain if sited else loaded.chain
+            frames = loaded.link_frames if sited else loaded.plain_link_frames
+            self._frames = frames.some([frames.names.index(load.frame) for load in loads])
+            elements = self._frames.places[0]
+            inboard = [self._chain.flexures_inboard(int(element)) for element in elements]
+            following = [follows for _, follows, _ in self._acting]
+            self.links = np.array([elements, inboard, following], dtype=np.int64).reshape(3, -1).T.copy()
+            self.posed = [j for j, (_, _, same) in enumerate(self._acting) if not same]
+        same = [(j, load.at(UNMOVED)) for j, load in enumerate(loads) if j not in self.posed]
+        each = max((len(load) for _, load in same if load.ndim == 2), default=1)
+        self.same = np.zeros((each, len(loads), 9))
+        self.same[:, :, :3] = self._frames.numbers[:, 9:]
+        for j, load in same:
+            if self._acting[j][1]:
+                load = load @ np.kron(np.eye(2), self._frames.numbers[j, :9].reshape(3, 3).T)
+            self.same[:, j, 3:] = load
 
     def some(self, rows: np.ndarray) -> Pushes:
         """Return the loads in (M,) of the rows that they are for."""
@@ -112,7 +126,7 @@ class Pushes:
         found, count = copy(self), len(self._wrenches)
         found._wrenches = [one if one.rows is None else one.some(rows) for one in self._wrenches]
         found._loads, found.rows = (*found._wrenches, *self._loads[count:]), len(rows)
-        found._same = self._same if len(self._same) == 1 else self._same[rows]
+        found.same = self.same if len(self.same) == 1 else self.same[rows]
         return found
 
     def wrenches(
@@ -130,11 +144,9 @@ class Pushes:
         """
         check_rows(self._wrenches, len(q))
         if not self.posed:
-            return self._same
-        poses, found = (
-            self._poses(q, twists, tree, state),
-            np.broadcast_to(self._same, (len(q), *self._same.shape[1:])).copy(),
-        )
+            return self.same
+        poses = self._poses(q, twists, tree, state)
+        found = np.broadcast_to(self.same, (len(q), *self.same.shape[1:])).copy()
         for j in self.posed:
             found[:, j, 3:] = self._loads[j].at(poses[:, j])
         return found
@@ -277,7 +289,6 @@ class RowSolver:
         self._loaded, self._chain, self._nominal = loaded, loaded.chain, loaded.nominal
         self.pushes, self._wrenches = Pushes(loaded, wrenches), wrenches
         self._lower, self._upper = map(np.array, loaded.arm.bounds)
-        self.middle = 0.5 * (self._lower + self._upper)[None]
 
     def needs_wrenches(self, laws: RowLaws) -> bool:
         """Return whether loads must be known to solve the rows, or to prove that the arm stays."""
@@ -289,30 +300,31 @@ class RowSolver:
         """How far the loads can soften the arm with its own laws; None where nobody can say beforehand."""
         return self._loaded.stability_bound and self._loaded.stability_bound.under(self._wrenches)
 
-    def solve(self, row: Row, laws: RowLaws, into: Solution) -> np.ndarray:
+    def solve(self, row: Row, laws: RowLaws, into: Solution, motion: Array | None = None) -> np.ndarray:
         """Put into `into` where the arm rests in some rows; return (N,) whether it converged.
 
         Args:
             row: Positions and covariates.
             laws: Of the arm at these rows, or others: what follows is then about those.
             into: To be filled.
+            motion: (N, 2, nq) speeds and accelerations of the joints, None where the arm stands.
         """
         q = np.ascontiguousarray(row.q)
         if laws.curved or self.pushes.posed:
-            fine = self._in_rounds(q, laws, into)
+            fine = self._in_rounds(q, laws, into, motion)
         else:
-            fine = self._run(q, laws, self.pushes.wrenches(q), into)
+            fine = self._run(q, laws, self.pushes.wrenches(q), into, motion)
         if self._nominal is not None:
             true, nominal = tips_of(self._chain, q), tips_of(self._nominal, q)
             into.displacement[:] = displaced_from(into.displacement, true, nominal)
         return fine
 
-    def _in_rounds(self, q: Array, laws: RowLaws, into: Solution) -> np.ndarray:
+    def _in_rounds(self, q: Array, laws: RowLaws, into: Solution, motion: Array | None) -> np.ndarray:
         pushed = self.pushes.wrenches(q)
-        self._run(q, laws, pushed, into, exact=False)  # for the loads on the rigid arm
+        self._run(q, laws, pushed, into, motion, exact=False)  # for the loads on the rigid arm
         if laws.curved:
             laws.expand(into.wrenches)
-        fine, converged = self._run(q, laws, pushed, into), np.zeros(len(q), dtype=bool)
+        fine, converged = self._run(q, laws, pushed, into, motion), np.zeros(len(q), dtype=bool)
         for _ in range(ROUNDS):
             # What is too large is left alone: here it would only make numbers that overflow.
             twists, wrenches = (np.where(fine[:, None, None], part, 0.0) for part in (into.twists, into.wrenches))
@@ -321,13 +333,16 @@ class RowSolver:
             converged |= (moved <= SETTLED) & (turned(before, pushed) <= SETTLED)
             if (converged | ~fine).all():
                 break
-            fine &= self._run(q, laws, pushed, into)
+            fine &= self._run(q, laws, pushed, into, motion)
         return fine & converged
 
-    def _run(self, q: Array, laws: RowLaws, pushed: Array, into: Solution, exact: bool = True) -> np.ndarray:
+    def _run(
+        self, q: Array, laws: RowLaws, pushed: Array, into: Solution, motion: Array | None, exact: bool = True
+    ) -> np.ndarray:
         fine, engine = np.empty(len(q), dtype=bool), Engine.of(self._chain, len(q))
         engine.set_laws(laws.numbers, len(q))
         engine.set_loads(self.pushes.links, pushed, NO_CHANGES, len(q))
+        engine.set_motion(motion, len(q))
         loads = into.wrenches if len(into.wrenches) or not len(q) else None
         engine.rest_chain(q, exact, into.displacement, loads, into.twists, fine)
         return fine
@@ -379,7 +394,8 @@ class OneChain:
 
     def __init__(self, loaded: LoadedArm) -> None:
         arm, self._loaded, self._wrenches = loaded.arm, loaded, ()
-        self._laws, self._rows, columns = RowLaws(arm.stack), RowSolver(loaded), len(arm.joint_names)
+        self._laws, self._pushes, columns = RowLaws(arm.stack), Pushes(loaded), len(arm.joint_names)
+        self._solver: RowSolver | None = None
         places = {f"q_{name}": place for name, place in arm.joint_index.items()}
         factors = arm.stack.factors(places | {MASS: columns})
         self._names, self._known = (), np.array([loaded.payload.mass])
@@ -393,29 +409,45 @@ class OneChain:
     def under(self, wrenches: tuple[Wrench, ...]) -> OneChain:
         """Return it under loads from outside."""
         if not same_objects(self._wrenches, wrenches):
-            self._wrenches, self._rows = wrenches, RowSolver(self._loaded, wrenches)
+            self._wrenches, self._solver = wrenches, None
+            self._pushes = Pushes(self._loaded, wrenches, before=self._pushes)
             self._push()
         return self
 
     def _push(self) -> None:
-        pushes, bound = self._rows.pushes, self._rows.bound
-        self._proven, self._settled = bound is not None and bound.proven, not pushes.posed
+        self._settled, self._proven = not self._pushes.posed, self._stays_by_bound(None)
         if self._settled and self._solve is not None:
-            self._solve.set_loads(pushes.links, pushes.wrenches(self._rows.middle))
+            self._solve.set_loads(self._pushes.links, self._pushes.same)
 
-    def __call__(self, q: Array, covariates: Mapping[str, Array]) -> Rest | None:
-        """Return where it rests at (nq,) positions; None beyond its limits, and where the fixed point is none."""
+    def _stays_by_bound(self, motion: Array | None) -> bool:
+        bound = self._loaded.stability_bound
+        return bound is not None and bound.proven_under(self._wrenches, motion)
+
+    @property
+    def _rows(self) -> RowSolver:
+        if self._solver is None:
+            self._solver = RowSolver(self._loaded, self._wrenches)
+        return self._solver
+
+    def __call__(self, q: Array, covariates: Mapping[str, Array], motion: Array | None = None) -> Rest | None:
+        """Return where it rests at (nq,) positions; None beyond its limits, and where the fixed point is none.
+
+        `motion` is (2, nq) speeds and accelerations, None where it stands.
+        """
         if self._solve is None or not self._settled:
-            return self._in_rounds(q, covariates)
+            return self._in_rounds(q, covariates, motion)
         for place, name in enumerate(self._names, 1):
             if name not in covariates:
                 return None  # the reference says which effect asks for it
             self._known[place] = covariates[name]
-        found = self._solve(q)
+        found = self._solve(q, motion)
         if found is None:
             return None
         displacement, twists, loads = found
-        proven = self._proven or self._stays(q, covariates, Solution(displacement[None], loads[None], twists[None]))
+        if motion is not None:
+            proven = self._stays_by_bound(motion)
+        else:
+            proven = self._proven or self._stays(q, covariates, Solution(displacement[None], loads[None], twists[None]))
         if self._moved:
             self._moved(q, displacement)
         return Rest(displacement, twists, loads, proven)
@@ -427,14 +459,17 @@ class OneChain:
         return bool(self._rows.proven(row, self._laws, found, self._rows.bound, np.ones(1, dtype=bool))[0])
 
     @np.errstate(over="ignore", invalid="ignore")
-    def _in_rounds(self, q: Array, covariates: Mapping[str, Array]) -> Rest | None:
+    def _in_rounds(self, q: Array, covariates: Mapping[str, Array], motion: Array | None) -> Rest | None:
         row, arm = self._loaded.row(q[None], covariates), self._loaded.arm
         laws, found = RowLaws(arm.stack, row), Solution.empty(1, len(arm.sites))
-        fine = self._rows.solve(row, laws, found)
+        fine = self._rows.solve(row, laws, found, None if motion is None else motion[None])
         if not (fine[0] and arm.within_limits(q.tolist())):
             return None
-        proven = self._rows.proven(row, laws, found, self._rows.bound, fine)
-        return Rest(found.displacement[0], found.twists[0], found.wrenches[0], bool(proven[0]))
+        if motion is not None:
+            proven = self._stays_by_bound(motion)
+        else:
+            proven = bool(self._rows.proven(row, laws, found, self._rows.bound, fine)[0])
+        return Rest(found.displacement[0], found.twists[0], found.wrenches[0], proven)
 
 
 def _from_nominal(loaded: LoadedArm) -> Callable[[Array, Array], None]:

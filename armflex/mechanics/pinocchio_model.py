@@ -215,6 +215,17 @@ class LoadCase(NamedTuple):
         """Whether there is a velocity or an acceleration."""
         return self.v is not None or self.a is not None
 
+    @property
+    def motion(self) -> Array | None:
+        """(2, nq) or (N, 2, nq) velocities and accelerations; None where it stands."""
+        if self.v is None and self.a is None:
+            return None
+        motion = np.zeros((*self.q.shape[:-1], 2, self.q.shape[-1]))
+        for order, rates in enumerate((self.v, self.a)):
+            if rates is not None:
+                motion[..., order, :] = rates
+        return motion
+
     def some(self, rows: int | slice | np.ndarray) -> LoadCase:
         """Return one of N rows, or the (M,) of some numbers."""
         v, a = (None if values is None else values[rows] for values in (self.v, self.a))

@@ -76,7 +76,7 @@ class Prepared:
         except IndexError:
             quick = self._workspace()
         try:
-            rest = quick(q, given)
+            rest = quick(q, given, None)
         finally:
             self._free.append(quick)
         return rest if rest is not None and rest.proven else None

@@ -40,13 +40,14 @@ class Wrench:
     """Whether it is the weight of something, which has a potential; see `Branch`."""
 
     def __post_init__(self) -> None:
-        given = {name: real_array(getattr(self, name), name) for name in ("force", "moment")}
-        rows = next((len(values) for values in given.values() if values.ndim == 2), None)
+        force, moment = real_array(self.force, "force"), real_array(self.moment, "moment")
+        rows = len(force) if force.ndim == 2 else len(moment) if moment.ndim == 2 else None
         shape = (3,) if rows is None else (rows, 3)
-        for name, values in given.items():
+        for name, values in (("force", force), ("moment", moment)):
             each = np.broadcast_to(values, shape) if rows is not None and values.shape == (3,) else values
-            numbers = finite_array(each, name, shape).copy()
-            numbers.setflags(write=False)  # what is known of a load is kept; see `LoadedArm.outside`
+            quickly = rows is None and values.shape == shape and all(map(math.isfinite, values.tolist()))
+            numbers = (each if quickly else finite_array(each, name, shape)).copy()
+            numbers.flags.writeable = False  # what is known of a load is kept; see `OneChain`
             object.__setattr__(self, name, numbers)
         if self.axes not in ("base", "frame"):
             raise InputError(f"wrench at {self.frame!r}: axes is {self.axes!r}, expected 'base' or 'frame'")

@@ -42,20 +42,29 @@ def measured(arm: armflex.Arm, q: np.ndarray) -> list[float]:
     return [single, quick, batch, milliseconds(lambda i: respond(arm, many, ["none"]), 1) / len(many)]
 
 
-for name in ("palletizer", "hybrid_lifter"):
-    arm = armflex.load_arm(ROBOTS / name / "arm.toml")
-    path, linkage = armflex.read_trajectory(ROBOTS / name / "trajectory.csv", arm), arm.robot.linkage
-    passive = [arm.deflection(row).passive for row in path.q]
-    chain = {joint.name for joint in arm.robot.chain}
-    locked = {joint.name: 0.0 for joint in linkage.beside}
-    bends = tuple(one for one in arm.flexures if one.joint in chain)
-    sprung = replace(arm, robot=replace(arm.robot, linkage=Linkage(), locked=locked), flexures=bends)
-    cut = replace(sprung, springs=())
-    known = [
-        dict(zip(arm.joint_names, row.tolist(), strict=True)) | own for row, own in zip(path.q, passive, strict=True)
-    ]
-    q = np.array([[row[joint] for joint in cut.joint_names] for row in known])
-    lines = {name: (arm, path.q), f"{name}, cut": (cut, q)}
-    lines |= {f"{name}, cut, springs": (sprung, q)} if arm.springs else {}
-    for what, asked in lines.items():
-        print(f"{what:25s}" + "".join(f"{one:9.4f}" for one in measured(*asked)))
+def main() -> None:
+    print(
+        f"{'ms of CPU time':25s}" + "".join(f"{what:>11s}" for what in ("query", "prepared", "batch row", "linearised"))
+    )
+    for name in ("palletizer", "hybrid_lifter"):
+        arm = armflex.load_arm(ROBOTS / name / "arm.toml")
+        path, linkage = armflex.read_trajectory(ROBOTS / name / "trajectory.csv", arm), arm.robot.linkage
+        passive = [arm.deflection(row).passive for row in path.q]
+        chain = {joint.name for joint in arm.robot.chain}
+        locked = {joint.name: 0.0 for joint in linkage.beside}
+        bends = tuple(one for one in arm.flexures if one.joint in chain)
+        sprung = replace(arm, robot=replace(arm.robot, linkage=Linkage(), locked=locked), flexures=bends)
+        cut = replace(sprung, springs=())
+        known = [
+            dict(zip(arm.joint_names, row.tolist(), strict=True)) | own
+            for row, own in zip(path.q, passive, strict=True)
+        ]
+        q = np.array([[row[joint] for joint in cut.joint_names] for row in known])
+        lines = {name: (arm, path.q), f"{name}, cut": (cut, q)}
+        lines |= {f"{name}, cut, springs": (sprung, q)} if arm.springs else {}
+        for what, asked in lines.items():
+            print(f"{what:25s}" + "".join(f"{one:11.4f}" for one in measured(*asked)))
+
+
+if __name__ == "__main__":
+    main()

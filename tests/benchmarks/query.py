@@ -34,7 +34,9 @@ from armflex.laws.joint.network import NetworkLaw
 
 NEURONS, CALLS = 20, 100_000
 GOALS = {
-    ("linear", "deflection"): 20,
+    ("linear", "deflection"): 12,
+    ("linear, in motion", "deflection"): 60,
+    ("linear, a new force", "deflection"): 20,
     ("networks", "deflection"): 30,
     ("linear", "prepared"): 2,
     ("networks", "prepared"): 3,
@@ -43,6 +45,7 @@ GOALS = {
 }
 ENERGY = 5.0
 """Energy [J] at which a joint that hardens gives 1/sqrt(2) of what it gives at first."""
+FORCE = (300.0, -200.0, 100.0)
 KNOWN = {"temperature": 27.0, "approach_A3": 1.0}
 
 
@@ -88,15 +91,18 @@ def ratios(boom: Boom) -> None:
         calls[name, ".displacement"] = lambda arm=arm, k=known: arm.deflection(boom.q, covariates=k).displacement
         loop = arm.prepared()
         calls[name, "prepared"] = lambda loop=loop, known=known: loop(boom.q, **known)
-    force = [Wrench("tool", [300.0, -200.0, 100.0], [0.0, 0.0, 0.0])]
+    force = [Wrench("tool", FORCE)]
     pushed = boom.arm.prepared(wrenches=force)
     calls["linear, a force", "deflection"] = lambda: boom.arm.deflection(boom.q, wrenches=force).displacement
     calls["linear, a force", "prepared"] = lambda: pushed(boom.q)
+    rates = {"v": 0.1 * np.ones(len(boom.q)), "a": 0.2 * np.ones(len(boom.q))}
+    calls["linear, a new force", "deflection"] = lambda: boom.arm.deflection(boom.q, wrenches=[Wrench("tool", FORCE)])
+    calls["linear, in motion", "deflection"] = lambda: boom.arm.deflection(boom.q, **rates)
     times = medians_us(calls, rounds=60, repeats=None, clock=time.process_time)
-    print(f"{'laws':>16} {'asked by':>16} {'x baseline':>10} {'goal':>5}")
+    print(f"{'laws':>19} {'asked by':>16} {'x baseline':>10} {'goal':>5}")
     for key, value in list(times.items())[1:]:
         goal = GOALS.get(key, "")
-        print(f"{key[0]:>16} {key[1]:>16} {value / times['baseline',]:10.1f} {goal:>5}")
+        print(f"{key[0]:>19} {key[1]:>16} {value / times['baseline',]:10.1f} {goal:>5}")
 
 
 def slowest(boom: Boom, collected: bool) -> None:

@@ -68,7 +68,10 @@ def ask(tree: Tree, laws: Laws, rng: np.random.Generator) -> None:
     into = tuple(np.zeros((rows, *shape)) for shape in shapes)
     engine.rest(q, True, 0, rng.uniform(-1.0, 1.0, p), np.zeros((m, m)), into)
     if not (m or p or len(tree.joins)):
-        engine.rest_chain(q, True, np.empty((rows, 6)), np.empty((rows, n, 6)), twists, np.empty(rows, dtype=bool))
+        for motion in (None, damaged(rng.normal(size=(rows, 2, tree.driven)), rng)):
+            engine.set_motion(motion, rows)
+            engine.rest_chain(q, True, np.empty((rows, 6)), np.empty((rows, n, 6)), twists, np.empty(rows, dtype=bool))
+        engine.set_motion(None, rows)
         engine.tips(q, np.empty((rows, 4, 4)))
     places = rng.integers(0, len(tree.parents), (2, 3)).astype(np.int64)
     numbers, end = rng.normal(size=(3, 12)), tree.elements[-1, :16].copy()

@@ -117,6 +117,10 @@ class Engine:
         """Give the loads on links, for so many rows."""
         self._tables.set_loads(links, wrenches, changes, rows)
 
+    def set_motion(self, motion: Array | None, rows: int) -> None:
+        """Give (N, 2, d) speeds and accelerations of a chain's joints, None where it stands."""
+        self._tables.set_motion(motion, rows)
+
     def rest_chain(
         self, q: Array, exact: bool, displacement: Array, loads: Array | None, twists: Array, fine: np.ndarray
     ) -> None:
@@ -294,17 +298,38 @@ class OneRow:
             engine._tables.set_factors(factors, known)
         engine._tables.set_bounds(bounds)
         self._q, self._found, self._shape = np.zeros(tree.driven), np.zeros(6 + 12 * n), (n, 6)
+        self._links, self._wrenches = NO_LINKS, NO_WRENCHES
+        self._motion, self._moves = np.zeros((1, 2, tree.driven)), False
         self._parts = self._found[:6], self._found[6 : 6 + 6 * n], self._found[6 + 6 * n :]
         self._ask, self._end = engine._library.engine_one, 6 + 6 * n
+        self._point()
 
     def set_loads(self, links: np.ndarray, wrenches: Array) -> None:
-        """Give the loads on links; wrenches may be changed in their place."""
-        self._engine.set_loads(links, wrenches, NO_CHANGES, 1)
+        """Give the (1, L, 9) loads on links, which are looked at once."""
+        if links is self._links:
+            self._wrenches[:] = wrenches
+            return
+        self._links, self._wrenches = links, wrenches.copy()
+        self._engine.set_loads(links, self._wrenches, NO_CHANGES, 1)
+        self._point()
+
+    def _point(self) -> None:
         self._held = self._engine._work()
         self._where = (self._engine._arm, *addresses((self._q, *self._parts, self._held)))
 
-    def __call__(self, q: Array) -> tuple[Array, Array, Array] | None:
-        """Return (6,) displacement, (n, 6) twists and loads at (d,) positions, None where there is no fixed point."""
+    def __call__(self, q: Array, motion: Array | None = None) -> tuple[Array, Array, Array] | None:
+        """Return (6,) displacement, (n, 6) twists and loads, None where there is no fixed point.
+
+        Args:
+            q: (d,) positions.
+            motion: (2, d) speeds and accelerations, None where it stands.
+        """
+        if self._moves is not (motion is not None):
+            self._moves = motion is not None
+            self._engine.set_motion(self._motion if self._moves else None, 1)
+            self._point()
+        if motion is not None:
+            self._motion[0] = motion
         self._q[:] = q
         if not self._ask(*self._where):
             return None

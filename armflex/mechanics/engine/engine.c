@@ -445,7 +445,7 @@ whole engine_room(const arm *a)
         whole own = a->starts[i + 1] - a->starts[i];
         hidden = (own > hidden) ? own : hidden;
     }
-    return 16 * (90 * n + a->terms + a->factors + 9 * a->pushes + hidden + 32) + 16 + engine_rest_room(a, 6 * n);
+    return 16 * (96 * n + 17 * a->count + a->terms + a->factors + 9 * a->pushes + hidden + 32) + 16 + engine_rest_room(a, 6 * n);
 }
 #endif /* CONTROLLER */
 

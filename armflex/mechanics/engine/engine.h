@@ -49,6 +49,8 @@ typedef struct {
     const double *pulls;      /* (L, 6) kind, anchor, size, reach of what pulls at links; NULL of wrenches alone */
     const whole *windowed;    /* (B) number of a term's window, below 0 for none; NULL for none at all */
     const double *windows;    /* (W, 79) mean, precision and energy of learned corrections, and where they have faded */
+    const double *inertias;   /* (k, 6) xx yy zz xy xz yz of each element about its centre, its axes; of chains that move */
+    const double *motion;     /* (N, 2, d) speeds and accelerations of a chain's joints; NULL where it stands */
 } arm;
 
 typedef struct { /* (N, ...) where it rests; see engine_rest */

@@ -8,9 +8,14 @@ typedef struct {
 typedef struct {
     real compliance[36], offset[6];
 } T(law);
+typedef struct { /* of an element in the rigid arm: its joint's screw about the base, and its body */
+    real screw[6], centre[3], inertia[6];
+} T(body);
 typedef struct {
     T(flexure) *f;
     T(law) *law;
+    T(body) *body; /* of an arm that moves */
+    real *rates, *inertial;
     real *weights, *factor, *hidden, *points, *pushes;
     real tip[3], tip_turn[9], pull[3], quaternion[4];
 } T(state);
@@ -105,6 +110,47 @@ static inline void T(swing)(real *turn, const double *axis, real angle)
     }
 }
 
+#if !defined(CONTROLLER)
+/* Keep an element's joint and body where the rigid arm has them, for an arm that moves. */
+static void T(keep)(const arm *a, T(state) *s, whole k, const real *turn, whole rows, whole first)
+{
+    const double *local = a->elements + 20 * k, *own = a->inertias + 6 * k;
+    const double about[9] = {own[0], own[3], own[4], own[3], own[1], own[5], own[4], own[5], own[2]};
+    whole kind = a->kinds[k] & 3, joint = a->kinds[a->count + k];
+    T(body) *body = s->body + k;
+    real half[9], about_base[9], axis[3] = {T(all)(0.0), T(all)(0.0), T(all)(0.0)};
+    memcpy(body->centre, s->tip, sizeof body->centre);
+    T(shift)(body->centre, turn, local + 16, 1.0);
+    T(shift)(axis, turn, local + 12, 1.0);
+    for (int i = 0; i < 3; i++) {
+        for (int j = 0; j < 3; j++) {
+            half[3 * i + j] = turn[3 * i] * about[j] + turn[3 * i + 1] * about[3 + j] + turn[3 * i + 2] * about[6 + j];
+        }
+        for (int j = 0; j < 3; j++) {
+            about_base[3 * i + j] = T(dot)(half + 3 * i, turn + 3 * j);
+        }
+        body->inertia[i] = about_base[4 * i];
+    }
+    body->inertia[3] = about_base[3];
+    body->inertia[4] = about_base[6];
+    body->inertia[5] = about_base[7];
+    for (int i = 0; i < 6; i++) {
+        body->screw[i] = T(all)(0.0);
+    }
+    if ((kind == TURNS) || (kind == SLIDES)) {
+        memcpy(body->screw + ((kind == TURNS) ? 3 : 0), axis, sizeof axis);
+        if (kind == TURNS) {
+            T(cross)(s->tip, axis, body->screw);
+        }
+        for (int c = 0; c < LANES; c++) {
+            const double *rates = a->motion + 2 * a->driven * ((first + c < rows) ? first + c : rows - 1);
+            AT(s->rates[2 * k], c) = rates[joint];
+            AT(s->rates[2 * k + 1], c) = rates[a->driven + joint];
+        }
+    }
+}
+#endif /* CONTROLLER */
+
 /* Place the rigid arm. */
 static void T(place)(const arm *a, T(state) *s, whole rows, const double *q, whole first)
 {
@@ -158,6 +204,11 @@ static void T(place)(const arm *a, T(state) *s, whole rows, const double *q, who
             }
             T(shift)(s->f[carrier].moment, turn, local + 16, local[15]);
         }
+#if !defined(CONTROLLER)
+        if (a->motion != NULL) {
+            T(keep)(a, s, k, turn, rows, first);
+        }
+#endif /* CONTROLLER */
         for (whole j = 0; j < a->pushes; j++) {
             if (a->links[3 * j] == k) {
                 real *point = s->points + 3 * j, *push = s->pushes + 6 * j, own_axes[6];
@@ -198,6 +249,112 @@ static inline void T(bear)(T(flexure) *f, const real *wrench)
     T(add_load)(f, wrench, moment);
 }
 
+#if !defined(CONTROLLER)
+/* Take a twist about the base's origin from inboard of a flexure to outboard of it. */
+static void T(twist_out)(const real *screw, const real *moved, real *linear, real *angular)
+{
+    real lever[3];
+    T(cross)(moved, angular, lever);
+    for (int i = 0; i < 3; i++) {
+        linear[i] -= lever[i];
+    }
+    T(lean)(screw, -1.0, linear);
+    T(lean)(screw, -1.0, angular);
+}
+
+/* Take a wrench about the base's origin from outboard of a flexure to inboard of it. */
+static void T(wrench_in)(const real *screw, const real *moved, real *wrench)
+{
+    real lever[3];
+    T(lean)(screw, 1.0, wrench);
+    T(lean)(screw, 1.0, wrench + 3);
+    T(cross)(moved, wrench, lever);
+    for (int i = 0; i < 3; i++) {
+        wrench[3 + i] += lever[i];
+    }
+}
+
+/* Add what bodies need to be accelerated to the loads on the flexures, which do not move themselves: out along the
+ * arm with speeds and accelerations, back with wrenches, all about the base's origin as it is in the rigid arm. */
+static void T(accelerate)(const arm *a, T(state) *s, int flexed)
+{
+    const whole *order = a->kinds + 2 * a->count;
+    real v[3], w[3], p[3], o[3], wrench[6], none[3], moved[3];
+    whole carrier = -1, n = a->flexures;
+    for (int i = 0; i < 3; i++) {
+        v[i] = w[i] = p[i] = o[i] = none[i] = T(all)(0.0); /* p and o change v and w */
+        wrench[i] = wrench[3 + i] = T(all)(0.0);
+    }
+    for (whole i = 0; i < 6 * n; i++) {
+        s->inertial[i] = T(all)(0.0);
+    }
+    for (whole k = 1; k < a->count; k++) {
+        const T(body) *body = s->body + k;
+        const real *u = body->screw, *rates = s->rates + 2 * k, *about = body->inertia, *c = body->centre;
+        whole kind = a->kinds[k] & 3;
+        if (kind == FLEXURE) {
+            carrier = a->kinds[a->count + k];
+            if (flexed) {
+                T(flexure) *f = s->f + carrier;
+                memcpy(moved, none, sizeof moved);
+                T(carry)(f->screw, 1.0, none, moved);
+                T(twist_out)(f->screw, moved, v, w);
+                T(twist_out)(f->screw, moved, p, o);
+            }
+        } else if (kind != RIGID) {
+            real one[3], two[3], three[3];
+            T(cross)(w, u, one);
+            T(cross)(v, u + 3, two);
+            T(cross)(w, u + 3, three);
+            for (int i = 0; i < 3; i++) {
+                p[i] += rates[1] * u[i] + rates[0] * (one[i] + two[i]);
+                o[i] += rates[1] * u[3 + i] + rates[0] * three[i];
+                v[i] += rates[0] * u[i];
+                w[i] += rates[0] * u[3 + i];
+            }
+        }
+        if (carrier >= 0) {
+            double mass = a->elements[20 * k + 15];
+            real speed[3], force[3], turning[3], spin[3], moment[3], twice[3], *into = s->inertial + 6 * carrier;
+            T(cross)(w, c, speed);
+            for (int i = 0; i < 3; i++) {
+                speed[i] += v[i];
+            }
+            T(cross)(w, speed, force);
+            T(cross)(o, c, turning);
+            spin[0] = about[0] * w[0] + about[3] * w[1] + about[4] * w[2];
+            spin[1] = about[3] * w[0] + about[1] * w[1] + about[5] * w[2];
+            spin[2] = about[4] * w[0] + about[5] * w[1] + about[2] * w[2];
+            T(cross)(w, spin, moment);
+            moment[0] += about[0] * o[0] + about[3] * o[1] + about[4] * o[2];
+            moment[1] += about[3] * o[0] + about[1] * o[1] + about[5] * o[2];
+            moment[2] += about[4] * o[0] + about[5] * o[1] + about[2] * o[2];
+            for (int i = 0; i < 3; i++) {
+                force[i] = mass * (force[i] + turning[i] + p[i]);
+            }
+            T(cross)(c, force, twice);
+            for (int i = 0; i < 3; i++) {
+                into[i] -= force[i];
+                into[3 + i] -= moment[i] + twice[i];
+            }
+        }
+    }
+    for (whole step = n - 1; step >= 0; step--) {
+        T(flexure) *f = s->f + order[step];
+        for (int i = 0; i < 6; i++) {
+            wrench[i] += s->inertial[6 * order[step] + i];
+        }
+        memcpy(f->seen, none, sizeof none);
+        T(bear)(f, wrench);
+        if (flexed) {
+            memcpy(moved, none, sizeof moved);
+            T(carry)(f->screw, 1.0, none, moved);
+            T(wrench_in)(f->screw, moved, wrench);
+        }
+    }
+}
+#endif /* CONTROLLER */
+
 /* Fill the loads on the flexures; gravity and wrenches are turned back instead of turning the arm. */
 static void T(weigh)(const arm *a, T(state) *s, int flexed)
 {
@@ -237,6 +394,11 @@ static void T(weigh)(const arm *a, T(state) *s, int flexed)
         T(cross)(lever, s->pull, moment);
         T(add_load)(f, force, moment);
     }
+#if !defined(CONTROLLER)
+    if (a->motion != NULL) {
+        T(accelerate)(a, s, flexed);
+    }
+#endif /* CONTROLLER */
     for (whole j = 0; j < a->pushes; j++) {
         whole outmost = a->links[3 * j + 1] - 1;
         int follows = a->links[3 * j + 2] != 0, pulled = (a->pulls != NULL) && (a->pulls[6 * j] > 0.0);
@@ -449,6 +611,14 @@ static T(state) T(divide)(const arm *a, double *room)
     s.points = s.factor + a->factors;
     s.pushes = s.points + 3 * a->pushes;
     s.hidden = s.pushes + 6 * a->pushes;
+#if !defined(CONTROLLER)
+    if (a->motion != NULL) {
+        s.body = (T(body) *)s.hidden;
+        s.rates = (real *)(s.body + a->count);
+        s.inertial = s.rates + 2 * a->count;
+        s.hidden = s.inertial + 6 * a->flexures;
+    }
+#endif /* CONTROLLER */
     return s;
 }
 

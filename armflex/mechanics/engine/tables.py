@@ -43,7 +43,8 @@ NUMBERS = (
 )
 ARRAYS = (
     "elements kinds parents carried tie joins row way flexure compliance offset neurons starts bent shapes spans "
-    "pieces weights factor knots change weighing varies known bounds links wrenches changes pulls windowed windows"
+    "pieces weights factor knots change weighing varies known bounds links wrenches changes pulls windowed windows "
+    "inertias motion"
 )
 
 
@@ -131,6 +132,7 @@ class Tree:
         joins: (T, 6) kind, elements of both ends (of a gear the joints), rows from and to, number of the length in q.
         rows, ways: (m, 6) what each row closes of its closure's slots, and that in axes of its first element.
         flexures: (n,) element of each, or minus 1 and minus the number of its closure.
+        inertias: (k, 6) xx yy zz xy xz yz of what is fixed to each element about its centre, its axes [kg m^2].
         driven, passive: How many positions have a drive, cylinders among them, and how many joints have none.
     """
 
@@ -143,6 +145,7 @@ class Tree:
     rows: Array
     ways: Array
     flexures: np.ndarray
+    inertias: Array
     driven: int
     passive: int
 
@@ -173,6 +176,7 @@ class Tree:
         checked(self.rows, "rows", REAL, m, 6)
         checked(self.ways, "ways", REAL, m, 6)
         checked(self.flexures, "flexures", WHOLE, n)
+        checked(self.inertias, "inertias", REAL, k, 6)
         self._check_elements()
         self._check_ties()
         arrays = (
@@ -182,6 +186,7 @@ class Tree:
         struct = ArmStruct(count=k, flexures=n, driven=self.driven, passive=self.passive, ties=t, rows=m)
         for name, array in zip(ARRAYS.split(), arrays, strict=False):
             setattr(struct, name, address(array))
+        struct.inertias = address(self.inertias)
         for name in ("starts", "spans", "pieces", "varies"):  # until there are laws
             setattr(struct, name, address(self._nothing))
         return struct
@@ -376,6 +381,13 @@ class Tables:
         self._point("known", known)
         struct.factors, struct.changing = count, len(factors.change)
 
+    def set_motion(self, motion: Array | None, rows: int) -> None:
+        """Point to (N, 2, d) speeds and accelerations of a chain's joints, None where it stands."""
+        if motion is None:
+            self.struct.motion = None
+            return
+        self._point("motion", checked(motion, "motion", REAL, rows, 2, self.tree.driven))
+
     def set_bounds(self, bounds: Array) -> None:
         """Point to (2, d) least and largest positions."""
         self._point("bounds", checked(bounds, "bounds", REAL, 2, self.tree.driven))
@@ -384,6 +396,7 @@ class Tables:
         """Forget for how many rows laws and loads are."""
         struct, self._laws = self.struct, None
         struct.law_rows = struct.weight_rows = struct.wrench_rows = struct.change_rows = 0
+        struct.motion = None
 
     def _point(self, name: str, array: np.ndarray) -> None:
         self._kept[name] = array

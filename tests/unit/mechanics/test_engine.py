@@ -122,6 +122,39 @@ def test_it_says_what_pinocchio_says(tmp_path_factory, kind: str, seed: int) -> 
         np.testing.assert_allclose(getattr(line, name), values, rtol=0, atol=far, err_msg=name)
 
 
+@settings(max_examples=25, suppress_health_check=list(HealthCheck))
+@given(
+    kind=st.sampled_from(["chain", "terms", "hardening", "networks"]),
+    seed=st.integers(0, 10**6),
+    given_rates=st.sampled_from([(1.0, 1.0), (1.0, None), (None, 1.0)]),
+)
+def test_a_moving_arm_is_where_pinocchio_has_it(tmp_path_factory, kind: str, seed: int, given_rates: tuple) -> None:
+    """With every body's inertia, slides and turning joints, and loads beside."""
+    arm, q, body, loads = drawn(kind, tmp_path_factory.mktemp("arm"), seed)
+    rng, inertia = np.random.default_rng(seed), (0.5, 0.4, 0.6, 0.02, -0.03, 0.01)
+    body = replace(body, inertia=np.array(inertia) if body.mass else None)
+    v, a = (None if size is None else size * rng.normal(size=q.shape[1]) for size in given_rates)
+    found, newton = (arm.deflection(q[0], body, v=v, a=a, wrenches=loads, method=m) for m in ("exact", "newton"))
+    assert found.method == "fixed_point" and newton.method == "newton"
+    size = max(1.0, np.abs(newton.wrenches).max())
+    np.testing.assert_allclose(found.displacement, newton.displacement, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found.twists, newton.twists, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found.wrenches, newton.wrenches, rtol=0, atol=1e-9 * size)
+    standing = arm.deflection(q[0], body, wrenches=loads)  # nothing is left of the motion
+    still = arm.deflection(q[0], body, wrenches=loads, method="newton")
+    np.testing.assert_allclose(standing.displacement, still.displacement, rtol=0, atol=1e-12)
+
+
+def test_a_load_that_is_made_anew_is_no_other_than_one_that_is_kept() -> None:
+    """The second at the same link in the same axes, the third at another or in others."""
+    arm, numbers = bundled("tarm_like"), np.random.default_rng(3).normal(size=(6, 2, 3)) * [[30.0], [5.0]]
+    places = [("tool", "base"), ("tool", "base"), ("tool", "frame"), (arm.link_names[2], "frame"), ("tool", "base")]
+    for (link, axes), (force, moment) in zip(places, numbers, strict=False):
+        found = arm.deflection(np.zeros(7), wrenches=[Wrench(link, force, moment, axes)])
+        newton = arm.deflection(np.zeros(7), wrenches=[Wrench(link, force, moment, axes)], method="newton")
+        np.testing.assert_allclose(found.twists, newton.twists, rtol=0, atol=1e-13)
+
+
 @pytest.mark.parametrize("seed", [1, 2])
 def test_factors_that_it_asks_itself_are_those_of_the_laws(tmp_path: Path, seed: int) -> None:
     """In a control loop of an arm that is proven to stay; here whether it is or not."""

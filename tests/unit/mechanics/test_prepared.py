@@ -34,7 +34,7 @@ from armflex.laws.effects.in_arm import BoundTwist
 from armflex.laws.effects.location import Here, Location
 from armflex.laws.joint.hardening import HardeningLaw
 from armflex.mechanics import query
-from armflex.mechanics.certificate import StabilityBound
+from armflex.mechanics.certificate import SHARE, StabilityBound
 from armflex.mechanics.mechanism import Mechanism
 
 METHODS = ("exact", "newton")
@@ -258,6 +258,22 @@ def test_the_bound_holds_under_loads_from_outside(tmp_path_factory, seed, size, 
     if np.linalg.norm(found.twists) <= 0.1:
         largest = (np.einsum("ipq,iq->ip", bound.compliance_bound, bound.change) / bound.reference).max()
         assert np.abs(np.linalg.eigvals(found.tangent - np.eye(18))).max() <= largest * (1 + 1e-9)
+
+
+@settings(max_examples=30)
+@given(seed=st.integers(0, 10**6), quick=st.floats(-1.0, 1.0).map(lambda power: 10.0**power))
+def test_the_bound_holds_while_the_arm_moves(tmp_path_factory, seed, quick):
+    """What is proven has a tangent no farther from that of a rigid arm than the share of it that is used."""
+    arm = three_joints(tmp_path_factory.mktemp("arm"), [random_compliance(i, 1.0) for i in range(3)])
+    rng = np.random.default_rng(seed)
+    q, (v, a) = rng.uniform(-1.5, 1.5, 3), quick * rng.normal(size=(2, 3)) * [[1.0], [quick]]
+    bound, motion = arm.loaded(None).stability_bound, np.array([v, a])
+    assert bound.proven_under(()) == bound.proven
+    force = [Wrench("tool", rng.normal(size=3))]
+    assert not bound.proven_under(force, motion) or bound.proven_under((), motion)
+    found = arm.deflection(q, v=v, a=a, method="newton", allow_large=True)
+    if bound.proven_under((), motion) and np.linalg.norm(found.twists) <= 0.1:
+        assert np.abs(np.linalg.eigvals(found.tangent - np.eye(18))).max() <= SHARE
 
 
 @pytest.mark.parametrize("axes", ["base", "frame"])
