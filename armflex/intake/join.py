@@ -229,7 +229,7 @@ def intake(
     for i, source in enumerate(sources):
         if i in (*logs, *points, *pictures):
             try:
-                sources[i] = without_lost(source, understood[i]) if i in points else source
+                sources[i] = without_lost(source, understood[i], i not in logs) if i in points else source
             except TableError as error:
                 wrong.append(str(error))
             understood[i], about = _settled(sources[i], understood[i], ask, slides)
@@ -729,7 +729,10 @@ def _add_beside(
         clock = _clock(source, meant, seconds) if np.isfinite(seconds).all() else None
         columns |= {} if clock is None else {"time": [clock[k] for k in row_of]}
     left = [
-        repr(meaning.column) for meaning in meant if meaning.kind == "unused" and meaning.why == "of the instrument"
+        f"{meaning.column!r} ({listing(map(said, states), FEW)})" if 1 < len(states) <= FEW else repr(meaning.column)
+        for meaning, cells in zip(meant, source.columns, strict=True)
+        if meaning.kind == "unused" and meaning.why == "of the instrument"
+        for states in [sorted({*map(str, cells)} - {""})]
     ]
     text = f"{listing(left, 8)} of {source.title} left out, as of the instrument: --take 'COLUMN=NAME' keeps one"
     return [text] if left else []

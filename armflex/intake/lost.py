@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -10,28 +11,41 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from armflex.conventions import NUMBER, Array
-from armflex.errors import Place, TableError
+from armflex.errors import Place, TableError, shown
 from armflex.intake.sources import NO_READING, Cells, SourceTable, numbers
 
 if TYPE_CHECKING:
     from armflex.intake.meanings import Meaning
 
-THERE = r"valid(?:ity)?|(?:is[ _]?)?tracked|tracking(?:[ _]?state)?|visible|visibility|confidence|quality|found"
-GONE = r"occluded|lost|missing|invalid|out[ _]?of[ _]?(?:view|range|volume)"
 SEEN_BY = r"(?:num(?:ber)?[ _]?(?:of[ _]?)?)?(?:markers|cameras)(?:[ _]?(?:count|used|seen))?"
-STATE = re.compile(
-    rf"(?:.*[\W_])??(?:(?P<there>{THERE}|{SEEN_BY})|(?P<gone>{GONE})|state|status|flags?)", re.IGNORECASE
-)
-"""Header of a column that says whether the target was read, or was not."""
+KINDS = {
+    "there": r"valid(?:ity)?|(?:is[ _]?)?tracked|tracking(?:[ _]?state)?|visible|visibility|confidence|quality|found"
+    rf"|lock(?:ed)?|ok|measured|reliable|{SEEN_BY}",
+    "gone": r"occluded|lost|missing|invalid|stale|broken|reject(?:ed)?|out[ _]?of[ _]?(?:view|range|volume)"
+    r"|(?:err(?:or)?|fault)(?:[ _]?(?:code|flag|state|status|id|no|nr|number))?",
+    "open": r"state|status(?:[ _]?code)?|flags?|solution|beam|health",
+}
+"""Headers of columns that say whether the target was read, by what a number other than 0 says there."""
+STATE = re.compile(r"(?:.*[\W_])??(?:" + "|".join(f"(?P<{kind}>{words})" for kind, words in KINDS.items()) + ")", re.I)
 
-NO, YES = re.compile(r"0(?:\.0*)?|false|f|no|n", re.IGNORECASE), re.compile(r"1(?:\.0*)?|true|t|yes|y", re.IGNORECASE)
-"""What such a column has."""
-
-NOT_READ = re.compile(
-    r"(?:.*\W)?(?:missing|lost|invalid|occluded|false|bad|disabled|too few markers|out of (?:volume|view|range)"
-    r"|not (?:visible|found|tracked|valid)|no (?:target|signal|data))(?:\W.*)?",
+READ = re.compile(
+    r"ok(?:ay)?|good|valid|fix(?:ed)?|locked|measured|tracked|tracking|pass(?:ed)?|visible|found|reliable|stable|normal"
+    r"|in[ _]range|no[ _]error|i\.? ?o\.?",
     re.IGNORECASE,
 )
+NOT_READ = re.compile(
+    r"(?:.*\W)?(?:missing|lost|invalid|occluded|false|bad|disabled|stale|too few markers"
+    r"|out[ _]of[ _](?:volume|view|range)|not[ _](?:visible|found|tracked|valid|measured|ok|locked)"
+    r"|no[ _](?:target|signal|data|reading|fix|lock))(?:\W.*)?"
+    r"|nok|n\.? ?i\.? ?o\.?|fail(?:ed|ure)?|error|fault|broken|break|interrupted|none|reject(?:ed)?"
+    r"|un(?:locked|tracked|stable|reliable)|timeout|searching",
+    re.IGNORECASE,
+)
+NO, YES = re.compile(r"0(?:\.0*)?|false|f|no|n", re.IGNORECASE), re.compile(r"1(?:\.0*)?|true|t|yes|y", re.IGNORECASE)
+"""What cells say of a reading: words of instruments, and of flags that are named after one of two states."""
+
+MOST_STATES = 8
+"""A column with more different cells is no state."""
 
 HUGE = 1e15
 """A coordinate beyond this is a length in no unit: 1e15 um is the way to the moon and back. NDI writes -3.697314e28."""
@@ -55,15 +69,16 @@ def lost(places: Array) -> np.ndarray:
     return gone
 
 
-def without_lost(source: SourceTable, meant: Sequence[Meaning]) -> SourceTable:
+def without_lost(source: SourceTable, meant: Sequence[Meaning], counted: bool = True) -> SourceTable:
     """Return a file whose coordinates and orientations are empty where its target was lost; a note says how often.
 
     Args:
         source: The file.
         meant: What its columns are; x, y and z among them, in any unit.
+        counted: Whether a column of states is of the instrument, and not of a controller that has one of its own.
 
     Raises:
-        TableError: The target is lost in every row.
+        TableError: The target is lost in every row, or a column of states does not say in which.
     """
     at = {meaning.name: i for i, meaning in enumerate(meant) if meaning.kind in ("coordinate", "turn")}
     if not {"x", "y", "z"} <= set(at):
@@ -73,15 +88,49 @@ def without_lost(source: SourceTable, meant: Sequence[Meaning]) -> SourceTable:
     for one in cells:
         if not isinstance(one, np.ndarray):  # what is neither a number nor nothing is an error, found later
             gone &= [bool(NUMBER.fullmatch(cell) or NO_READING.fullmatch(cell)) for cell in one]
-    for header, column in zip(source.header, source.columns, strict=True):
-        if (match := STATE.fullmatch(header.strip())) and not isinstance(column, np.ndarray):
-            said = (YES,) if match["gone"] else (NOT_READ, NO) if match["there"] else (NOT_READ,)
-            gone |= [any(pattern.fullmatch(cell) for pattern in said) for cell in column]
+    for meaning, column in zip(meant, source.columns, strict=True):
+        if meaning.kind in ("covariate", "unused", "kept") and not isinstance(column, np.ndarray):
+            gone |= _unread(source, meaning, column, counted)
     if not gone.any():
         return source
     if gone.all():
         raise TableError(Place(source.path), f"{source.part or 'the target'} is lost in every row")
     return emptied(source, meant, gone, "was lost")
+
+
+def _unread(source: SourceTable, meaning: Meaning, cells: Sequence[str], counted: bool) -> np.ndarray:
+    """Return (N,) where a column says that nothing was read.
+
+    Raises:
+        TableError: It has states, and which of them are readings is not known.
+    """
+    asked = meaning.why == "as asked"
+    match = STATE.fullmatch((meaning.name if asked else meaning.column).strip()) if meaning.name else None
+    kind = match.lastgroup if match else ""
+    said = {cell: _is_read(kind, cell) for cell in {*cells}}
+    words = not any(map(NUMBER.fullmatch, cells)) and {said[cell] for cell in said if cell} == {True, False}
+    if not (kind or words):
+        return np.zeros(len(cells), dtype=bool)
+    few = 1 < len(said) <= MOST_STATES
+    unknown = [i for i, cell in enumerate(cells) if cell and said[cell] is None]
+    if counted and few and unknown:
+        usual = Counter(cells).most_common(1)[0][0]
+        row = next(i for i, cell in enumerate(cells) if cell != usual)
+        name, place = meaning.column, Place(source.path, source.lines[row])
+        text = f"{name!r} is {shown(cells[row], 20)} here and {shown(usual, 20)} in most rows: is that a reading?"
+        text += f" --take '{name}=valid' if 0 is none, '{name}=error' if only 0 is one, '{name}=unused' if all are"
+        raise TableError(place, f"{text}; else empty x y z of what is none")
+    return np.array([said[cell] is False and (few or kind != "gone" or not NUMBER.fullmatch(cell)) for cell in cells])
+
+
+def _is_read(kind: str | None, cell: str) -> bool | None:
+    """Return whether a cell of a column of states says that a target was read; None where it does not say."""
+    if NUMBER.fullmatch(cell) or YES.fullmatch(cell) or NO.fullmatch(cell):
+        none = bool(NO.fullmatch(cell))
+        return {"there": not (none or cell.startswith("-")), "gone": none}.get(kind or "")
+    if READ.fullmatch(cell) or (kind == "gone" and cell.lower() in ("", "none")):
+        return True
+    return False if NOT_READ.fullmatch(cell) else None
 
 
 def emptied(source: SourceTable, meant: Sequence[Meaning], gone: np.ndarray, why: str) -> SourceTable:

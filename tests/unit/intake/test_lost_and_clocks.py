@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from support.recordings import NAMES, POSES, SEEN, TT, TURNED, XYZ, Q, T, bag, c3d, log, motive, tip
 
-from armflex.errors import InputError, TableError
+from armflex.errors import InputError, ManyErrors, TableError
 from armflex.intake import intake
 from armflex.intake.join import Intake
 from armflex.intake.lost import lost
@@ -47,13 +47,31 @@ def test_a_lost_target_is_in_no_mean(tmp_path: Path, empty: str) -> None:
     ("header", "gone", "there"),
     [("Valid", "0", "1"), ("is_tracked", "no", "yes"), ("tracking_state", "0", "2"), ("confidence", "0.0", "0.97"),
      ("NumMarkers", "0", "4"), ("occluded", "1", "0"), ("Lost", "True", "False"), ("status", "out of view", "ok"),
-     ("flags", "invalid", "")],
+     ("flags", "invalid", ""), ("Lock", "-1", "1"), ("Error code", "17", "0"), ("beam", "broken", "locked"),
+     ("Ergebnis", "n.i.O.", "i.O."), ("Measured", "FALSE", "TRUE")],
 )  # fmt: skip
 def test_a_column_that_says_lost_is_believed(tmp_path: Path, header: str, gone: str, there: str) -> None:
     places = [MM[0] + 500.0 if i % 7 == 0 else place for i, place in enumerate(MM)]
     rows = [f"{t:.3f},{x:.4f},{y:.4f},{z:.4f},{gone if i % 7 == 0 else there}"
             for i, (t, (x, y, z)) in enumerate(zip(TT, places, strict=True))]  # fmt: skip
     fits(intake([log(tmp_path), export(tmp_path, rows, f"time,x_mm,y_mm,z_mm,{header}")], 5e-5))
+
+
+@pytest.mark.parametrize(
+    ("header", "gone", "there", "meant"),
+    [("Status", "4", "0", "error"), ("state", "0", "2", "valid"), ("Flag", "X", "", ""), ("Solution", "B", "A", "")],
+)
+def test_states_that_nobody_explains_are_asked_about(
+    tmp_path: Path, header: str, gone: str, there: str, meant: str
+) -> None:
+    places = [MM[0] + 500.0 if i % 7 == 0 else place for i, place in enumerate(MM)]
+    rows = [f"{t:.3f},{x:.4f},{y:.4f},{z:.4f},{gone if i % 7 == 0 else there}"
+            for i, (t, (x, y, z)) in enumerate(zip(TT, places, strict=True))]  # fmt: skip
+    files = [log(tmp_path), export(tmp_path, rows, f"time,x_mm,y_mm,z_mm,{header}")]
+    with pytest.raises(ManyErrors, match=rf"export\.csv:\d+: '{header}' is .* is that a reading"):
+        intake(files, 5e-5)
+    if meant:
+        fits(intake(files, 5e-5, {header: meant}))
 
 
 def test_a_place_that_is_held_is_no_reading(tmp_path: Path) -> None:
