@@ -121,9 +121,11 @@ def export(arm: Arm, name: str = "arm") -> Exported:
     bounds = *parts.bounds, f"{beside}{name}_compensate up to {parts.stack['compensate']}."
     functions = f"{name}_tip, {name}_follow and {name}_compensate"
     threads = ", each with a state of its own" if state else ""
-    text = (HERE / "controller.c").read_text(encoding="utf-8")
+    texts = ("controller", parts.mechanics)  # renamed before the arm's names come in, which may be anything
+    text, mechanics = (
+        re.sub(r"\bNAME_(?=[a-z])", f"{name}_", (HERE / f"{stem}.c").read_text(encoding="utf-8")) for stem in texts
+    )
     known = f"{NOMINAL.replace('COUNT', str(parts.nominal))}{'' if arm.chain else NOMINAL_TIES}}}\n"
-    mechanics = (HERE / f"{parts.mechanics}.c").read_text(encoding="utf-8")
     for mark, part in (
         ("/*@mechanics*/", mechanics.replace("/*@known*/\n", known + "\n" if parts.nominal else "")),
         ("/*@head*/", c_head(arm, functions, threads, bounds)),
@@ -132,7 +134,6 @@ def export(arm: Arm, name: str = "arm") -> Exported:
         ("/*@nominal*/\n", "    use_known(&m.table, payload);\n" if parts.nominal else ""),
     ):
         text = text.replace(mark, part)
-    text = re.sub(r"\bNAME_(?=[a-z])", f"{name}_", text)
     notes = [f"{arm.robot.urdf.name} as C, payloads {', '.join(payloads)}"]
     notes += [f"{name}_follow carries {state} numbers from call to call"] if state else []
     notes += [f"set {name}_covariates before you ask: {', '.join(factors.names)}"] if factors.names else []
