@@ -218,7 +218,7 @@ class LoadCase(NamedTuple):
     @property
     def motion(self) -> Array | None:
         """(2, nq) or (N, 2, nq) velocities and accelerations; None where it stands."""
-        if self.v is None and self.a is None:
+        if not self.moves:
             return None
         motion = np.zeros((*self.q.shape[:-1], 2, self.q.shape[-1]))
         for order, rates in enumerate((self.v, self.a)):
