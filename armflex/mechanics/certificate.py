@@ -229,7 +229,7 @@ def bound_stability(
         def per_motion() -> Array:
             inertia = np.array([float(np.linalg.norm(body.inertia, 2)) for body in model.inertias.tolist()])
             changes = [_changes_moving(places, j, j not in travel, along, along + own, mass, inertia) for j in drives]
-            return np.einsum("lipjq,jq->lip", np.array(changes).reshape(-1, *whole.shape), reference)
+            return np.einsum("lipjq,jq->lip", np.array(changes).reshape(len(drives), *whole.shape), reference)
 
         change = np.einsum("ipjq,jq->ip", whole, reference)
     turning = tuple(joint not in travel for joint in drives)
