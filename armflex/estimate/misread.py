@@ -45,7 +45,7 @@ from armflex.laws.joint.log_compliance import LOOSE
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.data_flags import check_joint_units, in_other_units
 from armflex.measured.measurements import Measurements
-from armflex.mechanics.many_rows import rigid_tips
+from armflex.mechanics.loop_rows import rigid_tips
 from armflex.parameters import ABSURD, DOUBT, FRAMES, SEEN
 from armflex.readings import Kind, Orientation, Position, Postures
 from armflex.readings.instrument import ROUNDS, Instrument, rigid_fit
