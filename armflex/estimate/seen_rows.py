@@ -15,7 +15,8 @@ from armflex.arm import Arm
 from armflex.conventions import RESOLUTION, Array
 from armflex.errors import FEW
 from armflex.estimate.robust import ROWS_AT_ONCE, TAILS
-from armflex.mechanics.many_rows import rigid_tips, rotations
+from armflex.mechanics.loop_rows import rigid_tips
+from armflex.mechanics.many_rows import rotations
 from armflex.readings.end import rigid_motion
 from armflex.readings.instrument import Instrument, middle_length, rigid_fit
 
