@@ -137,7 +137,7 @@ class LinearCampaign:
             weights = (TAILS + count) / (TAILS + squares / variance)
             if len(precision):
                 each = np.sqrt((worth * weights / variance) @ of_kind.T)
-                flat = (steps * each[:, :, None]).reshape(-1, len(precision))
+                flat = (steps * each[:, :, None]).reshape(left.size, len(precision))
                 score = flat.T @ (whole * each).ravel() - precision * self.start
                 values = LinearGaussian.of(flat, precision).solve(score)
                 left = whole - steps @ values
@@ -165,7 +165,7 @@ class LinearCampaign:
         It is so with the weights of what is explained without, so that one factorisation serves all.
         """
         scale, precision = about.scale[..., None], self.precision
-        flat = (self.jacobian * scale).reshape(-1, len(precision))
+        flat = (self.jacobian * scale).reshape(self.residual.size, len(precision))
         whole = scale * (self.residual[..., None] - np.concatenate([0.0 * changes[..., :1], changes], axis=2))
         whole = whole.reshape(len(flat), -1)
         score = flat.T @ whole - (precision * self.start)[:, None]
