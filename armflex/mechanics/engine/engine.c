@@ -1311,9 +1311,10 @@ static double proof(const double *stiff, whole n, whole wide, double *lower, who
     return norm;
 }
 
-/* Fill `stiff`, and return the bound on the loads' share of the tangent, rows of flexures of M^-1 G Z with Z those of
- * M^-1: `matrix` is M still, that without G. Its eigenvalues are those of the tangent less 1 but for zeros. */
-static double distance_of(const arm *a, const here *h, work *w, const double *wrenches, const double *met)
+/* Fill `stiff`, and return the bound on the loads' share of the tangent; `matrix` is M still, that without G. With Z the
+ * columns of M^-1 that laws take it is Z' G Z where they are even, else the rows of flexures of M^-1 G Z: its eigenvalues
+ * are those of the tangent less 1 but for zeros. */
+static double distance_of(const arm *a, const here *h, work *w, const double *wrenches, const double *met, int even)
 {
     whole total = w->total, rank = h->rank, p = total - rank, wide = wide_of(rank), size = total + a->rows;
     double *half = w->small, *form = w->inverse;
@@ -1327,6 +1328,18 @@ static double distance_of(const arm *a, const here *h, work *w, const double *wr
         for (whole z = 0; z < total; z++) {
             put(half + z * w->most + b, sum_of(w->stiff + z * w->wide, w->laws + b, wide, total));
         }
+    }
+    if (even) {
+        for (whole b = 0; b < wide; b += WIDE) {
+            for (whole c = 0; c < rank; c++) {
+                pack value = scale(w->laws[c], get(half + b));
+                for (whole z = 1; z < total; z++) {
+                    value = add(value, scale(w->laws[z * wide + c], get(half + z * w->most + b)));
+                }
+                put(form + c * w->most + b, value);
+            }
+        }
+        return proof(form, rank, w->most, half, w->most);
     }
     fill(w->laws + total * wide, a->rows * wide);
     for (whole b = 0; b < wide; b += WIDE) {
@@ -1396,7 +1409,7 @@ static double settle(const arm *a, const double *compliance, const double *offse
         }
         weigh(a, wrenches, h);
         if (count == 1) {
-            distance = distance_of(a, h, w, wrenches, met);
+            distance = distance_of(a, h, w, wrenches, met, odd == NULL);
             if (!(distance <= SHARE)) {
                 return HUGE_VAL;
             }
