@@ -108,7 +108,7 @@ class SeenRows:
             jacobian += [np.broadcast_to(shifting, (count, *shifting.shape)), turn[:, None] @ axes]
             flat, left = np.concatenate(jacobian, axis=3).reshape(count, 3 * size, -1), seen - there
             precision, start = np.full((count, flat.shape[2]), RESOLUTION), np.zeros((count, flat.shape[2]))
-            noise = np.maximum(np.median(((left - across @ left) ** 2).sum(axis=2), axis=1), RESOLUTION)
+            noise = np.maximum(middle_length(((left - across @ left) ** 2).sum(axis=2)), RESOLUTION)
             precision[:, -3:] = noise[:, None] / (self.arm.prior.tool or RESOLUTION) ** 2
             start[:, -3:] = target
             weighted = (flat * np.repeat(weights, 3, axis=1)[..., None]).swapaxes(1, 2)
@@ -119,7 +119,7 @@ class SeenRows:
             turn, target = (rotations(step[:, :3]) @ turn if unknown else turn), target + step[:, -3:]
             shifts = step[:, 3 * unknown : 3 * (unknown + through)].reshape(count, through, 3)
             length = np.linalg.norm(left, axis=2)
-            weights = np.minimum(1.0, 2.0 * _medians(length)[:, None] / np.maximum(length, RESOLUTION))
+            weights = np.minimum(1.0, 2.0 * middle_length(length)[:, None] / np.maximum(length, RESOLUTION))
         return left, shifts[:, : through - unknown], turn
 
     def nearer(self, here: Array, there: Array, at: Array) -> np.ndarray:
@@ -151,9 +151,5 @@ class SeenRows:
         It is of one reading, the mean over them.
         """
         off = (left**2).sum(axis=-1)
-        least = np.maximum(_medians(off) / 3.0, (FINE_SHARE * self.arm.robot.reach) ** 2)
+        least = np.maximum(middle_length(off) / 3.0, (FINE_SHARE * self.arm.robot.reach) ** 2)
         return 0.5 * (TAILS + 3.0) * np.log1p(off / least[..., None] / TAILS).mean(axis=-1) + 1.5 * np.log(least)
-
-
-def _medians(lengths: Array) -> Array:
-    return middle_length(lengths, np.ones(lengths.shape))

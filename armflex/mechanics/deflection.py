@@ -627,37 +627,29 @@ class DeflectionBatch(_Result[Array]):
     def covariance(self) -> Array | None:
         """(N, 6, 6) of the laws alone [m, rad], None where none is uncertain; see `Arm.total_covariance`."""
         found, left, known = np.zeros((len(self.q), 6, 6)), np.ones(len(self.q), dtype=bool), False
-        for loaded, rows in ((loaded, some) for loaded, own in self._compiled for some in in_pieces(own, CHUNK)):
-            row, wrenches = loaded.row(self.q[rows], self.case.some(rows).covariates), self.wrenches[rows]
-            parts = [law.covariance(wrenches[:, i], row) for i, law in enumerate(self.arm.stack.laws)]
-            left[rows] = False
-            if all(part is None for part in parts):
-                continue
-            known = True
-            solver = RowSolver(loaded, self.case.some(rows).wrenches)
-            laws = RowLaws(self.arm.stack, row)
-            if laws.curved:
-                laws.expand(wrenches)
-            at = Solution(self.displacement[rows], wrenches, self.twists[rows])
-            gains, distance = solver.linearise(row, laws, at, np.arange(len(rows)))
-            for i, part in enumerate(parts):
-                if part is not None:
-                    found[rows] += gains[:, :, i] @ part @ np.swapaxes(gains[:, :, i], 1, 2)
-            left[rows] = ~(distance < 1.0)
-        still = not self.arm.chain and self.asked.method == "exact" and not self.case.moves
-        for loaded, rows in by_payload(self.arm, self.payloads, len(self.q)) if still else ():
-            for piece in in_pieces(rows, CHUNK):
-                case, carried = self.case.some(piece), (loaded.payload,) * len(piece)
-                row, wrenches = loaded.row(case.q, case.covariates), self.wrenches[piece]
+        quick = self.asked.method == "exact" and not self.case.moves
+        for loaded, carrying in by_payload(self.arm, self.payloads, len(self.q)) if quick else ():
+            for rows in in_pieces(carrying, CHUNK):
+                case, wrenches = self.case.some(rows), self.wrenches[rows]
+                row = loaded.row(case.q, case.covariates)
                 parts = [law.covariance(wrenches[:, i], row) for i, law in enumerate(self.arm.stack.laws)]
-                left[piece] = False
+                left[rows] = False
                 if all(part is None for part in parts):
                     continue
                 known = True
-                gains = respond(self.arm, case.q, carried, case.covariates, True, case.wrenches).laws
+                if self.arm.chain:
+                    laws = RowLaws(self.arm.stack, row)
+                    if laws.curved:
+                        laws.expand(wrenches)
+                    at = Solution(self.displacement[rows], wrenches, self.twists[rows])
+                    gains, distance = RowSolver(loaded, case.wrenches).linearise(row, laws, at, np.arange(len(rows)))
+                    left[rows] = ~(distance < 1.0)
+                else:
+                    carried = (loaded.payload,) * len(rows)
+                    gains = respond(self.arm, case.q, carried, case.covariates, True, case.wrenches).laws
                 for i, part in enumerate(parts):
                     if part is not None:
-                        found[piece] += gains[:, :, i] @ part @ np.swapaxes(gains[:, :, i], 1, 2)
+                        found[rows] += gains[:, :, i] @ part @ np.swapaxes(gains[:, :, i], 1, 2)
         for i in np.flatnonzero(left).tolist():
             one = self.row(i).covariance
             known, found[i] = known or one is not None, 0.0 if one is None else one

@@ -197,9 +197,10 @@ def rigid_fit(points: Array, measured: Array, counted: np.ndarray | None = None)
     return turn, shift[..., 0, :], np.sqrt((share * length**2).sum(axis=-1))
 
 
-def middle_length(lengths: Array, counted: np.ndarray) -> Array:
+def middle_length(lengths: Array, counted: np.ndarray | bool = True) -> Array:
     """Return the (...) medians of the (..., N) lengths that count; of so few, sooner than numpy's."""
-    ordered, count = np.sort(np.where(counted > 0.0, lengths, np.inf), axis=-1), (counted > 0.0).sum(axis=-1)
+    there = np.broadcast_to(counted, lengths.shape) > 0
+    ordered, count = np.sort(np.where(there, lengths, np.inf), axis=-1), there.sum(axis=-1)
     places = np.stack([(count - 1) // 2, count // 2], axis=-1)
     return np.take_along_axis(ordered, places, axis=-1).mean(axis=-1)
 
