@@ -39,7 +39,7 @@ from armflex.measured.table import (
     write_table,
 )
 from armflex.mechanics.history import known_rows
-from armflex.mechanics.many_rows import rigid_tips
+from armflex.mechanics.loop_rows import rigid_tips
 from armflex.result import Result
 from armflex.rows.rows import APPROACH, last_motion
 from armflex.rows.wrench import Wrench, wrenches_in

@@ -69,7 +69,11 @@ def command(
     settings["wrenches"] = () if force is None else (options.parse_force(force, arm),)
     if settings["jobs"] == 0:
         raise InputError("--jobs is 0: expected a number of processes, or -1")
-    with progress("mapping") as tick:
+    kinds = [name for name in ("uncertainty", "frequency") if settings[name]]
+    then = f", then the {' and the '.join(kinds)} in each voxel" if kinds else ""
+    carried = f" under {len(names)} payloads" if len(names) > 1 else ""
+    drawn = f" of the arm and of {settings['draws']} drawn" if settings["draws"] else ""
+    with progress(f"mapping {settings['rows']} configurations{carried}{drawn}{then}: steps") as tick:
         workspace = map_workspace(arm, names, voxel=edge, progress=tick, **settings)
     with together():
         write_map(workspace, output, limit)

@@ -13,106 +13,17 @@ from functools import partial
 from itertools import permutations, product
 
 import numpy as np
-import pinocchio as pin
 
-from armflex.arm import Arm
 from armflex.conventions import LOGGED_ANGLES, LOGGED_LENGTHS, RESOLUTION, ROUND, UNITS, Array
 from armflex.errors import FEW, listing
 from armflex.estimate.misreadings import USUAL_PRIOR, Misreading, joints_as
-from armflex.estimate.robust import TAILS
+from armflex.estimate.seen_rows import SeenRows
 from armflex.estimate.view import LARGEST_MOTION
 from armflex.measured.measurements import Measurements
 from armflex.readings import Position
-from armflex.readings.end import rigid_motion
-from armflex.readings.instrument import Instrument, rigid_fit
 
 HEADERS = {"degrees": "deg", "mrad": "mrad", "mm": "mm", "cm": "cm", "um": "um"}
 """Units that a header can state."""
-
-
-@dataclass(frozen=True, eq=False)
-class Placed:
-    """What is left (M, 3) [m] of where an arm was seen, its shift (k, 3) per column, and its base's (3, 3) turn."""
-
-    left: Array
-    beside: Array
-    turn: Array
-
-
-@dataclass(frozen=True, eq=False)
-class SeenRows:
-    """Rows of one session in which the tip was seen, and the rigid arm that is placed in them.
-
-    Attributes:
-        arm: The arm as declared.
-        q: (M, nq) positions as read.
-        at: (M, 3) where the target was seen [m].
-        rows: (M,) numbers of the rows in the campaign.
-    """
-
-    arm: Arm
-    q: Array
-    at: Array
-    rows: np.ndarray
-
-    def placed(self, q: Array, beside: Array | None = None) -> Placed:
-        """Return the rigid arm placed at (M, nq) positions, its target found, with columns (M, k) that shift it."""
-        unknown, fixed = self.arm.measurement.frame != "base", self.arm.instrument or Instrument()
-        tips = _tips(self.arm, q)
-        axes, here, count = tips[:, :3, :3], fixed.in_base(tips), len(q)
-        columns = np.zeros((count, 0)) if beside is None else beside
-        columns = np.column_stack([columns, np.ones(count)]) if unknown else columns
-        turn, through = fixed.pose.rotation, columns.shape[1]
-        across = columns @ np.linalg.pinv(columns)
-        if unknown:
-            turn = rigid_fit(here - across @ here, self.at - across @ self.at)[0]
-        seen = self.at if unknown else self.at - fixed.pose.translation
-        weights, target, left, shifts = np.ones(count), np.zeros(3), seen, np.zeros((through, 3))
-        for _ in range(FEW):
-            there = (here + axes @ target) @ turn.T
-            jacobian = [rigid_motion(there)[:, :, 3:]] if unknown else []
-            jacobian += [columns[:, None, [i]] * np.eye(3) for i in range(through)]
-            full = np.concatenate([*jacobian, turn @ axes], axis=2)
-            flat, each, left = full.reshape(3 * count, -1), np.repeat(weights, 3), seen - there
-            precision, start = np.full(flat.shape[1], RESOLUTION), np.zeros(flat.shape[1])
-            noise = max(float(np.median(((left - across @ left) ** 2).sum(axis=1))), RESOLUTION)
-            precision[-3:], start[-3:] = noise / (self.arm.prior.tool or RESOLUTION) ** 2, target
-            information = (flat * each[:, None]).T @ flat + np.diag(precision)
-            right = flat.T @ (each * left.ravel()) - precision * start
-            step = np.asarray(np.linalg.lstsq(information, right, rcond=None)[0], dtype=float)
-            left = left - full @ step
-            turn, target = (pin.exp3(step[:3]) @ turn if unknown else turn), target + step[-3:]
-            shifts = step[3 * unknown : 3 * (unknown + through)].reshape(through, 3)
-            length = np.linalg.norm(left, axis=1)
-            weights = np.minimum(1.0, 2.0 * np.median(length) / np.maximum(length, RESOLUTION))
-        return Placed(left, shifts[: through - unknown], turn)
-
-    def cost(self, left: Array) -> float:
-        """Return minus the logarithm of the density of what is left, at its own scatter; see `misread`."""
-        off = (left**2).sum(axis=1)
-        least = max(float(np.median(off)) / 3.0, (1e-4 * self.arm.robot.reach) ** 2)
-        return float(0.5 * (TAILS + 3.0) * np.log1p(off / least / TAILS).mean() + 1.5 * np.log(least))
-
-
-def _tips(arm: Arm, q: Array) -> Array:
-    """Return the (M, 4, 4) poses of the rigid tip; hundreds are asked for, before anything is compiled."""
-    moving = {joint.name: number for number, joint in enumerate(arm.robot.moving)}
-    tips = np.broadcast_to(np.eye(4), (len(q), 4, 4))
-    for joint in arm.robot.chain:
-        fixed = pin.SE3(joint.rotation, joint.origin)
-        if joint.name not in moving:
-            tips = tips @ (fixed * joint.motion(arm.robot.locked.get(joint.name, 0.0))).homogeneous
-            continue
-        at, motion = q[:, moving[joint.name]], np.tile(np.eye(4), (len(q), 1, 1))
-        axis = joint.axis / np.linalg.norm(joint.axis)
-        if joint.kind == "prismatic":
-            motion[:, :3, 3] = at[:, None] * axis
-        else:
-            cross = pin.skew(axis)
-            sine, rest = np.sin(at)[:, None, None], 1.0 - np.cos(at)[:, None, None]
-            motion[:, :3, :3] += sine * cross + rest * (cross @ cross)
-        tips = tips @ (fixed.homogeneous @ motion)
-    return tips
 
 
 Called = tuple[Array, str, str, int]
@@ -156,21 +67,13 @@ class FittedFamily:
         return self.family.map(self.numbers)[1]
 
 
-def estimated(arm: Arm, every: Measurements, rows: np.ndarray) -> Iterator[Misreading]:
+def estimated(seen: SeenRows, every: Measurements) -> Iterator[Misreading]:
     """Yield the conventions that bring a campaign's positions near those of the rigid arm.
 
     Args:
-        arm: The arm as declared.
+        seen: The rows of one session to look at, a few of them.
         every: The whole campaign.
-        rows: (M,) numbers of the rows to look at, the tip seen in all.
     """
-    sessions = np.array(every.session)[rows]
-    first = max(dict.fromkeys(sessions.tolist()), key=lambda name: int((sessions == name).sum()))
-    rows = rows[sessions == first]
-    thinned = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), 20 * FEW)).astype(int))]
-    seen = SeenRows(arm, every.q[thinned], every.position[thinned], thinned)
-    if len(thinned) < 3 * FEW or arm.robot.linkage:
-        return
     with np.errstate(all="ignore"):
         yield from _rails(seen, every)
         yield from _columns(seen, every)
@@ -181,7 +84,7 @@ def _columns(seen: SeenRows, every: Measurements) -> Iterator[Misreading]:
     left = seen.placed(seen.q).left
     if _is_near(seen, left):
         return
-    before = seen.cost(left)
+    before = float(seen.cost(left))
     units = {joint.name: every.units.get(f"q_{joint.name}", "") for joint in seen.arm.robot.moving}
     families = _fitted(seen, [*_scales(seen, units), *_couplings(seen), *_homes(seen)], before)
     yield from (fitted.misreading for fitted in families)
@@ -229,11 +132,10 @@ def _fitted(seen: SeenRows, families: Sequence[Family], before: float) -> list[F
         by, shift = family.map(numbers)
         return seen.placed(seen.q @ by + shift).left
 
-    looked = [
-        (seen.cost(left(family, start)), number, place)
-        for number, family in enumerate(families)
-        for place, start in enumerate(family.starts)
-    ]
+    begun = [(number, place) for number, family in enumerate(families) for place in range(len(family.starts))]
+    q = [seen.q @ by + shift for by, shift in (families[i].map(families[i].starts[place]) for i, place in begun)]
+    costs = seen.cost(seen.placed(np.array(q)).left).tolist() if q else []
+    looked = [(cost, *start) for cost, start in zip(costs, begun, strict=True)]
     likely, fits = dict[int, int](), list[FittedFamily]()
     for cost, number, place in sorted(looked):
         if cost < before - 1.0 and len(likely) < 2 * FEW:
@@ -246,13 +148,13 @@ def _fitted(seen: SeenRows, families: Sequence[Family], before: float) -> list[F
             return left(family, numbers * size).ravel() / scale
 
         refined = size * least_squares(errors, start / size, loss="soft_l1", diff_step=1e-5, max_nfev=20).x
-        least = seen.cost(left(family, refined))
+        least = float(seen.cost(left(family, refined)))
         for alike in (10.0 * ROUND, ROUND):  # what else is wrong in the campaign bends the numbers
             if (called := family.named(refined, alike)) is None:
                 continue
             numbers, name, remedy, mistakes = called
             by, shift = family.map(numbers)
-            if (cost := seen.cost(left(family, numbers))) < least + 1.0 or alike == ROUND:
+            if (cost := float(seen.cost(left(family, numbers)))) < least + 1.0 or alike == ROUND:
                 hypothesis = Misreading(name, remedy, joints_as(by, shift), mistakes=mistakes, whole=True)
                 fits.append(FittedFamily(family, numbers, cost, hypothesis))
                 break
@@ -446,12 +348,13 @@ def _header(unit: str, column: str, written: str) -> str:
 def _rails(seen: SeenRows, every: Measurements) -> Iterator[Misreading]:
     """Yield that the arm rides on a rail whose place is in a column of numbers, or on two or three of them."""
     numbers = {name: values for name, values in every.covariates.items() if not isinstance(values, tuple)}
-    before, base = seen.placed(seen.q), seen.cost(seen.placed(seen.q).left)
+    before = seen.placed(seen.q)
+    base = float(seen.cost(before.left))
     looked = list[tuple[float, str]]()
     for name, values in numbers.items():
         column = values[seen.rows][:, None]
         if np.ptp(column) > RESOLUTION * max(1.0, float(np.abs(column).max())):
-            looked.append((seen.cost(seen.placed(seen.q, column - column.mean()).left), name))
+            looked.append((float(seen.cost(seen.placed(seen.q, column - column.mean()).left)), name))
     looked = [pair for pair in sorted(looked) if pair[0] < base - 0.1][:FEW]
     chosen: list[str] = []
     placed, cost = before, base
@@ -460,8 +363,8 @@ def _rails(seen: SeenRows, every: Measurements) -> Iterator[Misreading]:
             [numbers[column][seen.rows] - numbers[column][seen.rows].mean() for column in (*chosen, name)]
         )
         other = seen.placed(seen.q, columns)
-        if seen.cost(other.left) < cost - 0.3:
-            chosen, placed, cost = [*chosen, name], other, seen.cost(other.left)
+        if (nearer := float(seen.cost(other.left))) < cost - 0.3:
+            chosen, placed, cost = [*chosen, name], other, nearer
     if not chosen:
         return
     said, steps = [], []

@@ -12,10 +12,14 @@ Each instrument has a scatter s of its own, so that one that is wrong does not s
 lacks is the same in many readings: they count as `LOOKS` independent ones, which is the power k. Tails are long
 (`TAILS`): a lost beam is no convention, a session of them is. A hypothesis is named where its odds against the campaign
 as written, its prior among them, are a thousand to one (`NAMED`).
+
+That is asked of a few: those that bring the points of a placed arm nearest (`SeenRows`), or explain most to first order
+(`LinearCampaign.gains`), of all that `misreadings` and `estimated` think of.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -40,15 +44,15 @@ from armflex.estimate.misreadings import (
 )
 from armflex.estimate.placement import FEWEST_ROWS, check_length, first_guess
 from armflex.estimate.robust import BY_CHANCE, EVEN, TAILS, outlier_limit
+from armflex.estimate.seen_rows import FINE_SHARE, SeenRows
 from armflex.estimate.view import LARGEST_MOTION, View, look, solved
 from armflex.laws.joint.log_compliance import LOOSE
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.data_flags import check_joint_units, in_other_units
 from armflex.measured.measurements import Measurements
-from armflex.mechanics.many_rows import rigid_tips
 from armflex.parameters import ABSURD, DOUBT, FRAMES, SEEN
-from armflex.readings import Kind, Orientation, Position, Postures
-from armflex.readings.instrument import ROUNDS, Instrument, rigid_fit
+from armflex.readings import Kind, Orientation, Position
+from armflex.readings.instrument import ROUNDS, Instrument
 from armflex.rows.rows import levels
 
 NAMED = -float(np.log(BY_CHANCE))
@@ -57,37 +61,147 @@ NAMED = -float(np.log(BY_CHANCE))
 LOOKS = 20.0
 """Prior: readings of one instrument are worth as many independent ones, since what an arm lacks is in all of them."""
 
-FINE_SHARE = 3e-5
-"""Prior: part of the reach, of a radian and of g that an arm may be off by before conventions are thought of."""
-
 ROWS_LOOKED_AT = 120
-"""Tolerance: rows looked at; no convention hides in more. By a quarter of them, of each instrument, hypotheses are
-ranked, and the likeliest judged."""
+"""Tolerance: rows looked at; no convention hides in more."""
 
 
 @dataclass(frozen=True, eq=False)
-class Misfit:
-    """How badly a campaign fits an arm within its priors; see the head of this module.
+class Explained:
+    """What readings are explained to, once everything is fitted; see the head of this module.
 
     Attributes:
-        view: The rows, instruments placed and nothing else fitted.
-        placed: Where the instrument stands there; the frames of sessions that have no first guess are left to [prior].
+        step: (P,) of the parameters, in their units.
         cost: Minus the logarithm of the density, readings counted as so many.
         excess: (M, G) each reading's part of it beyond that of noise as stated, of every kind.
         ideal: What the cost would be if nothing were left but what is stated.
         left: (M, d) residuals with everything fitted, in their units.
         scatter: (G,) of what each kind read over what is stated.
-        free: Whether anything but frames is free or learned.
+        scale: (M, d) factors that whiten and weight the readings, in one over their units.
     """
 
-    view: View
-    placed: Instrument
+    step: Array
     cost: float
     excess: Array
     ideal: float
     left: Array
     scatter: Array
+    scale: Array
+
+
+@dataclass(frozen=True, eq=False)
+class LinearCampaign:
+    """Readings of M rows, to first order in all that may be fitted to them.
+
+    Attributes:
+        jacobian: (M, d, P) changes of the readings per parameter.
+        precision: (P,) prior precisions, about values that are `start` (P,) less than those of the residual.
+        start: See there.
+        residual: (M, d) in their units.
+        floor: (M, d) least standard deviations, infinite where nothing was read.
+        places: Where each instrument's numbers stand among the d.
+    """
+
+    jacobian: Array
+    precision: Array
+    start: Array
+    residual: Array
+    floor: Array
+    places: Sequence[slice]
+
+    def some(self, rows: np.ndarray) -> LinearCampaign:
+        """Return the same of (m,) rows."""
+        parts = {"jacobian": self.jacobian[rows], "residual": self.residual[rows], "floor": self.floor[rows]}
+        return replace(self, **parts)
+
+    def beside(self, columns: Array, precision: Array) -> LinearCampaign:
+        """Return the same with (M, d, k) further changes of the readings, about zero with (k,) precisions."""
+        jacobian, none = np.concatenate([self.jacobian, columns], axis=2), np.zeros(len(precision))
+        precision, start = np.concatenate([self.precision, precision]), np.concatenate([self.start, none])
+        return replace(self, jacobian=jacobian, precision=precision, start=start)
+
+    def explained(self, change: Array | float = 0.0) -> Explained:
+        """Return what is left of the readings where the arm moves them by (M, d) more, by rounds of weights."""
+        read, left, steps = np.isfinite(self.floor), self.residual - change, self.jacobian
+        of_kind = np.zeros((self.floor.shape[1], len(self.places)))  # which numbers are of which instrument
+        for number, place in enumerate(self.places):
+            of_kind[place, number] = 1.0
+        left, steps = left / self.floor, steps / self.floor[:, :, None]
+        count, squares = read @ of_kind, left**2 @ of_kind
+        total = np.maximum(count.sum(axis=0), 1.0)
+        worth, variance = LOOKS / np.maximum(total, LOOKS), np.ones(len(self.places))
+        for number in np.flatnonzero(count.any(axis=0)):
+            read_in = count[:, number] > 0.0
+            variance[number] = max(float(np.median(squares[read_in, number] / count[read_in, number])), 1.0)
+        values, whole, precision = np.zeros(len(self.precision)), left, self.precision
+        for _ in range(ROUNDS):
+            weights = (TAILS + count) / (TAILS + squares / variance)
+            if len(precision):
+                each = np.sqrt((worth * weights / variance) @ of_kind.T)
+                flat = (steps * each[:, :, None]).reshape(left.size, len(precision))
+                score = flat.T @ (whole * each).ravel() - precision * self.start
+                values = LinearGaussian.of(flat, precision).solve(score)
+                left = whole - steps @ values
+                squares = left**2 @ of_kind
+            near = (TAILS + count) / (TAILS + squares / variance)
+            before, variance = variance, np.maximum((near * squares).sum(axis=0) / total, 1.0)
+            if np.abs(np.log(variance / before)).max(initial=0.0) < EVEN:
+                break
+        whitened_by = np.where(read, self.floor, 1.0)
+        sizes = np.log(whitened_by) @ of_kind
+
+        def cost(squared: Array, variance: Array) -> Array:
+            tails = 0.5 * (TAILS + count) * np.log1p(squared / variance / TAILS)
+            return worth * (tails + sizes + 0.5 * count * np.log(variance))
+
+        parts, held = cost(squares, variance), 0.5 * float((precision * (values + self.start) ** 2).sum())
+        least = np.minimum(cost(count, np.ones(len(self.places))), parts)
+        errors, scatter = np.where(read, left * whitened_by, 0.0), np.sqrt((weights * squares).sum(axis=0) / total)
+        scale = np.sqrt((worth * weights / variance) @ of_kind.T) / self.floor
+        return Explained(values, float(parts.sum()) + held, parts - least, float(least.sum()), errors, scatter, scale)
+
+    def gains(self, changes: Array, about: Explained) -> Array:
+        """Return (H,) by how much the cost falls where the arm moves the readings by (M, d, H) more.
+
+        It is so with the weights of what is explained without, so that one factorisation serves all.
+        """
+        scale, precision = about.scale[..., None], self.precision
+        flat = (self.jacobian * scale).reshape(self.residual.size, len(precision))
+        whole = scale * (self.residual[..., None] - np.concatenate([0.0 * changes[..., :1], changes], axis=2))
+        whole = whole.reshape(len(flat), -1)
+        score = flat.T @ whole - (precision * self.start)[:, None]
+        values = LinearGaussian.of(flat, precision).solve(score) if len(precision) else score
+        left = (whole - flat @ values).reshape(*self.residual.shape, -1) ** 2
+        cost = 0.5 * (precision[:, None] * (values + self.start[:, None]) ** 2).sum(axis=0)
+        for number, place in enumerate(self.places):
+            squares = left[:, place].sum(axis=(0, 1))
+            if squares[0] > 0.0:
+                variance = np.maximum(squares / squares[0] * about.scatter[number] ** 2, 1.0)
+                cost += 0.5 * min(LOOKS, np.isfinite(self.floor[:, place]).sum()) * np.log(variance)
+        return cost[0] - cost[1:]
+
+
+@dataclass(frozen=True, eq=False)
+class Misfit:
+    """How badly a campaign fits an arm within its priors.
+
+    Attributes:
+        view: The rows, instruments placed and nothing else fitted.
+        placed: Where the instrument stands there; the frames of sessions that have no first guess are left to [prior].
+        linear: The campaign to first order about what is fitted.
+        explained: What that leaves.
+        free: Whether anything but frames is free or learned.
+    """
+
+    view: View
+    placed: Instrument
+    linear: LinearCampaign
+    explained: Explained
     free: bool
+
+    @property
+    def cost(self) -> float:
+        """See `Explained`."""
+        return self.explained.cost
 
     @property
     def kinds(self) -> tuple[Kind, ...]:
@@ -97,27 +211,32 @@ class Misfit:
     @property
     def plausible(self) -> bool:
         """Whether noise and what an arm may lack explain the readings."""
-        return self.cost - self.ideal < NAMED and not self.suspects
+        return self.cost - self.explained.ideal < NAMED and not self.suspects
 
     @property
     def suspects(self) -> tuple[str | None, ...]:
         """Whose readings cost more than noise: sensors by name, '' for the tip's position, None its orientation."""
-        far = self.excess.sum(axis=0) > NAMED
-        far |= self.scatter < 1.0 / ABSURD  # stated in another unit
+        far = self.explained.excess.sum(axis=0) > NAMED
+        far |= self.explained.scatter < 1.0 / ABSURD  # stated in another unit
         names = [None if isinstance(kind, Orientation) and not kind.name else kind.name for kind in self.kinds]
         return tuple(name for name, is_far in zip(names, far.tolist(), strict=True) if is_far)
 
-    def off(self, errors: Array, number: int = 0) -> float:
+    @property
+    def off(self) -> float:
+        """Median length of what is left of the first of the kinds, in its unit."""
+        return self.off_by(self.explained.left)
+
+    def off_by(self, errors: Array, number: int = 0) -> float:
         """Return the median length of (M, d) errors of what one kind read, in its unit."""
         kind, place = self.view.readings.placed[number]
         read = np.isfinite(kind.sigma).any(axis=1)
         return float(np.median(np.linalg.norm(errors[read, place], axis=1))) if read.any() else 0.0
 
-    def said(self, of: str, errors: Array | None = None) -> str:
-        """Return how far off is what a hypothesis is about, in words: (M, d) errors, or the instruments placed."""
+    def said(self, of: str, errors: Array) -> str:
+        """Return how far off by (M, d) errors is what a hypothesis is about, in words."""
         turned = [i for i, kind in enumerate(self.kinds) if isinstance(kind, Orientation) and not kind.name]
         number = turned[0] if of == "orientation" and turned else 0
-        return said_of(self.off(self.view.residual if errors is None else errors, number), self.kinds[number].shown_in)
+        return said_of(self.off_by(errors, number), self.kinds[number].shown_in)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,6 +286,15 @@ class Case:
         same = all(getattr(self.arm, name) is getattr(other.arm, name) for name in parts)
         return same and np.array_equal(self.rows.q, other.rows.q) and self.rows.payload == other.rows.payload
 
+    def sees_otherwise(self, other: Case) -> bool:
+        """Return whether joints, points or the arm are others than in another case, not only what weighs them."""
+        same = np.array_equal(self.rows.q, other.rows.q) and np.array_equal(self.rows.position, other.rows.position)
+        return not same or self.arm is not other.arm
+
+    def place(self, row: int) -> str:
+        """Return where a row is, for people."""
+        return self.rows.places[row].short if self.rows.places else f"row {self.some[row]}"
+
 
 def misfit(
     case: Case,
@@ -174,6 +302,7 @@ def misfit(
     instrument: Instrument | None = None,
     rounds: int | None = None,
     placing: bool = False,
+    doubted: bool = False,
 ) -> Misfit:
     """Return how badly rows fit an arm.
 
@@ -184,6 +313,7 @@ def misfit(
         rounds: Gauss and Newton's steps at most, which go on while something is gained; one where not given, but
             `ROUNDS` where only sensors read, which begin from further off.
         placing: Whether nothing but where the instrument and its target are is fitted.
+        doubted: Whether steps go on only while they leave what is not plausible.
 
     Raises:
         ArmflexError: The arm has no equilibrium there, or the instrument cannot be placed.
@@ -199,79 +329,37 @@ def misfit(
     rough = outlier_limit(1) * LOOSE
     stds = [np.maximum(block.prior, rough) if block.logarithmic else block.prior for block in blocks]
     precision = np.concatenate([np.zeros(0), *stds]) ** -2.0
-    rounds, first, settled = rounds or (1 if campaign.positioned[rows].any() else ROUNDS), None, None
-    for _ in range(rounds):
+    free = any(part.kind not in FRAMES for part in blocks) or any(part.learn is not None for part in arm.flexures)
+    fitted: Misfit | None = None
+    for _ in range(rounds or (1 if campaign.positioned[rows].any() else ROUNDS)):
         now = realise(setup, blocks, values)
-        near = line if first is None else solved(now, campaign, rows, allow_large=True)
+        near = line if fitted is None else solved(now, campaign, rows, allow_large=True)
         view = look(now, campaign, rows, line=near)
-        first = first or view
         jacobian = np.zeros((*view.residual.shape, 0))
         jacobian = np.concatenate([jacobian, *(block.jacobian(view) for block in blocks)], axis=2)
-        least = FINE_SHARE * view.readings.stacked(lambda kind, at=view.at: _whole(kind, at, arm.robot.reach))
-        before, floor = settled, np.maximum(view.sigma, least)
-        settled = _settled(jacobian, precision, values, view.residual, floor, view.readings.slices)
-        values = moved_by(blocks, values, settled[0])
-        if before is not None and before[1] - settled[1] < 1.0:
+        floor = np.maximum(view.sigma, least_sigma(view))
+        linear = LinearCampaign(jacobian, precision, values, view.residual, floor, view.readings.slices)
+        before, explained = fitted, linear.explained()
+        fitted = Misfit(fitted.view if fitted else view, setup.instrument, linear, explained, free)
+        values = moved_by(blocks, values, explained.step)
+        gained = np.inf if before is None else before.cost - fitted.cost
+        if gained < 1.0 or (doubted and before is None and fitted.plausible):
             break
-    free = any(part.kind not in FRAMES for part in blocks) or any(part.learn is not None for part in arm.flexures)
-    assert first is not None and settled is not None
-    _, cost, excess, ideal, left, scatter = settled
-    return Misfit(first, setup.instrument, cost, excess, ideal, left, scatter, free)
+    assert fitted is not None
+    return fitted
 
 
-def _whole(kind: Kind, at: Postures, reach: float) -> Array:
-    """Return (N, d) what is all of a reading: a radian, g, or what a shift as long as the arm reaches makes of it."""
-    whole = {"rad": 1.0, "m/s^2": STANDARD_GRAVITY}.get(kind.unit)
-    return reach * kind.by_shift(at) if whole is None else np.full(kind.values.shape, whole)
+def least_sigma(view: View) -> Array:
+    """Return (M, d) what readings are off by before conventions are thought of: `FINE_SHARE` of all of each.
 
-
-def _settled(
-    jacobian: Array, precision: Array, start: Array, residual: Array, floor: Array, places: Sequence[slice]
-) -> tuple[Array, float, Array, float, Array, Array]:
-    """Return (P,) the step, then what `Misfit` has: cost, rows, ideal, left and scatter; by rounds of weights.
-
-    Args:
-        jacobian: (M, d, P) changes of the readings per parameter.
-        precision: (P,) prior precisions, about values that are `start` (P,) less than those of the residual.
-        start: See there.
-        residual: (M, d) in their units.
-        floor: (M, d) least standard deviations, infinite where nothing was read.
-        places: Where each instrument's numbers stand among the d.
+    All of it is a radian, g, or what a shift as long as the arm reaches makes of it.
     """
-    read, left, steps = np.isfinite(floor), residual / floor, jacobian / floor[:, :, None]
-    of_kind = np.zeros((floor.shape[1], len(places)))  # which numbers are of which instrument
-    for number, place in enumerate(places):
-        of_kind[place, number] = 1.0
-    count, squares = read @ of_kind, left**2 @ of_kind
-    total = np.maximum(count.sum(axis=0), 1.0)
-    worth, variance = LOOKS / np.maximum(total, LOOKS), np.ones(len(places))
-    for number in np.flatnonzero(count.any(axis=0)):
-        read_in = count[:, number] > 0.0
-        variance[number] = max(float(np.median(squares[read_in, number] / count[read_in, number])), 1.0)
-    values, whole = np.zeros(len(precision)), left
-    for _ in range(ROUNDS):
-        weights = (TAILS + count) / (TAILS + squares / variance)
-        if len(precision):
-            each = np.sqrt((worth * weights / variance) @ of_kind.T)
-            flat = (steps * each[:, :, None]).reshape(-1, len(precision))
-            values = LinearGaussian.of(flat, precision).solve(flat.T @ (whole * each).ravel() - precision * start)
-            left = whole - steps @ values
-            squares = left**2 @ of_kind
-        near = (TAILS + count) / (TAILS + squares / variance)
-        before, variance = variance, np.maximum((near * squares).sum(axis=0) / total, 1.0)
-        if np.abs(np.log(variance / before)).max(initial=0.0) < EVEN:
-            break
-    whitened_by = np.where(read, floor, 1.0)
-    sizes = np.log(whitened_by) @ of_kind
 
-    def cost(squared: Array, variance: Array) -> Array:
-        tails = 0.5 * (TAILS + count) * np.log1p(squared / variance / TAILS)
-        return worth * (tails + sizes + 0.5 * count * np.log(variance))
+    def whole(kind: Kind) -> Array:
+        size = {"rad": 1.0, "m/s^2": STANDARD_GRAVITY}.get(kind.unit)
+        return view.arm.robot.reach * kind.by_shift(view.at) if size is None else np.full(kind.values.shape, size)
 
-    parts, held = cost(squares, variance), 0.5 * float((precision * (values + start) ** 2).sum())
-    least = np.minimum(cost(count, np.ones(len(places))), parts)
-    errors, small = np.where(read, left * whitened_by, 0.0), (weights * squares).sum(axis=0) / total
-    return values, float(parts.sum()) + held, parts - least, float(least.sum()), errors, np.sqrt(small)
+    return FINE_SHARE * view.readings.stacked(whole)
 
 
 @dataclass(frozen=True)
@@ -282,6 +370,7 @@ class RankedMisreading:
     name: str
     gain: float
     then: str
+    meant: Case
 
     @property
     def said(self) -> str:
@@ -313,9 +402,7 @@ def check_conventions(
         return ()
     fitted = None
     with suppress(ArmflexError):
-        fitted = misfit(case)
-        if not fitted.plausible:
-            fitted = misfit(case, fitted.view, rounds=ROUNDS)  # nor is an arm accused that one step does not fit
+        fitted = misfit(case, rounds=ROUNDS, doubted=True)  # nor is an arm accused that one step does not fit
     if fitted is not None and fitted.plausible and not in_other_units(case.every.q, arm).any():
         return ()
     named = _named(case, fitted, searched)
@@ -324,11 +411,10 @@ def check_conventions(
     elif (likeliest := named[0].hypothesis).of in arm.sensors and likeliest.slip is not None:
         text = f"{named[0].name}: {likeliest.remedy}"  # the others say where the arm is
         return (Flag("instrument_moved", text, about=likeliest.of),)
-    begun = _begun(case, fitted)
     if named:
         said = "; or ".join(ranked.said for ranked in named)
-        raise ConventionError(f"{begun}: {said}", [ranked.name for ranked in named])
-    return () if fitted is None or keep else tuple(_implausible(fitted, begun, searched))
+        raise ConventionError(f"{_begun(case, fitted)}: {said}", [ranked.name for ranked in named])
+    return () if fitted is None or keep else tuple(_implausible(case, fitted, searched))
 
 
 def _judged_rows(arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool) -> Case | None:
@@ -351,22 +437,22 @@ def _begun(case: Case, fitted: Misfit | None) -> str:
         return f"{where}the arm has no equilibrium at these rows as they are declared"
     of = "orientation" if fitted.suspects == (None,) else ""
     sensors = ", ".join(kind.title for kind in fitted.kinds if kind.name and kind.name in fitted.suspects)
-    off, whose = _off_placed(case, of) or fitted.said(of), f" ({sensors})" if sensors else ""
+    off, whose = _off_placed(case, of) or fitted.said(of, fitted.view.residual), f" ({sensors})" if sensors else ""
     return f"{where}{of or 'reading'}s are {off} off the arm{whose}, further than [prior] explains"
 
 
-def _implausible(fitted: Misfit, begun: str, searched: bool) -> Iterator[Flag]:
+def _implausible(case: Case, fitted: Misfit, searched: bool) -> Iterator[Flag]:
     """Yield flags about sensors far off with all that is free; raise where the tip is further off than any arm is."""
-    reach, left = fitted.view.arm.robot.reach, fitted.off(fitted.left)
+    reach, left = fitted.view.arm.robot.reach, fitted.off
     if fitted.kinds[0].unit == "m" and left > outlier_limit(1) * LARGEST_MOTION * reach:
-        text = f"{begun}, {in_mm(left)} of which is left with all that [prior] frees"
+        text = f"{_begun(case, fitted)}, {in_mm(left)} of which is left with all that [prior] frees"
         text += ": no defect of an arm is so large, and no convention that is tried explains it"
         more = "check that rows and readings are of the same poses, the URDF this arm's, the tip the target's link"
         raise ConventionError(f"{text}; {more}, and for two conventions at once", [])
     for number, kind in enumerate(fitted.kinds):
         sought = searched and any(nuisance.anywhere for nuisance in kind.nuisances)  # stands where it is found to stand
-        if kind.name and fitted.scatter[number] > ABSURD and not sought:
-            off = said_of(fitted.off(fitted.left, number), kind.shown_in)
+        if kind.name and fitted.explained.scatter[number] > ABSURD and not sought:
+            off = said_of(fitted.off_by(fitted.explained.left, number), kind.shown_in)
             text = f"{kind.title}: with all that [prior] and its declaration free, what it read is {off} off: "
             text += f"an effect is missing, or [instrument.{kind.name}] is not as declared"
             yield Flag("instrument_implausible", text, about=kind.name)
@@ -389,56 +475,44 @@ def _named(case: Case, fitted: Misfit | None, searched: bool) -> list[RankedMisr
         more = "there is nothing to fit: give it joint_offset, compliance, tool or geometry, a standard deviation each"
         prior = replace(USUAL_PRIOR, session_target=case.arm.prior.session_target)
         tried.append((Misreading("[prior] frees nothing", more, arm=replace(case.arm, prior=prior)), None))
-    named, meant = dict[str, RankedMisreading](), dict[str, tuple[Misreading, np.ndarray | None]]()
-
-    def judged(
-        hypothesis: Misreading, of_rows: np.ndarray | None, looked_at: np.ndarray | None = None
-    ) -> tuple[float, Misfit | None, str]:
-        """Return what a hypothesis is charged, how all rows fit then, or some at a glance, and in which it holds."""
-        with suppress(ArmflexError):
-            other, (words, charge) = case.meant(hypothesis, of_rows), _charge(case, hypothesis, of_rows)
-            before = fitted.view if fitted is not None and other.rests_as(case) else None
-            near = fitted.placed if fitted is not None and hypothesis.of == "loads" else None
-            if looked_at is None:
-                return charge, misfit(other, before, near), words
-            return charge, misfit(other.only(looked_at), before and before.some(looked_at), near, rounds=1), words
-        return np.inf, None, ""
-
-    if len(tried) > 2 * FEW:
-        read = (np.flatnonzero(np.isfinite(kind.sigma).any(axis=1)) for kind in case.rows.readings.kinds)
-        looked_at = np.unique(np.concatenate([own[_spread(len(own), ROWS_LOOKED_AT // 4)] for own in read]))
-        glances = (judged(*candidate, looked_at) for candidate in tried)
-        costs = [np.inf if then is None else charge + then.cost for charge, then, _ in glances]
-        tried = [tried[i] for i in np.argsort(costs, kind="stable")[: 2 * FEW].tolist()]
-    for hypothesis, of_rows in tried:
-        charge, then, words = judged(hypothesis, of_rows)
-        if then is None:
-            continue
-        gain = (0.0 if fitted is None else fitted.cost) - then.cost
-        if hypothesis.slip is not None and hypothesis.of not in case.arm.sensors:
-            # An arm that slips as far explains as much.
-            gain = min(gain, 0.5 * (hypothesis.slip / USUAL_PRIOR.geometry) ** 2)
-        gain, name = gain - charge, f"{hypothesis.name}{words}"
-        if hypothesis.whole and fitted is not None and then.off(then.left) > np.sqrt(DOUBT) * fitted.off(fitted.left):
-            continue
-        if (fitted is None or gain > NAMED) and (name not in named or named[name].gain < gain):
-            named[name] = RankedMisreading(hypothesis, name, gain, then.said(hypothesis.of))
-            meant[name] = hypothesis, of_rows
+    named = dict[str, RankedMisreading]()
+    for candidate in tried:
+        judged = _judged(case, fitted, *candidate)
+        if judged is not None and (judged.name not in named or named[judged.name].gain < judged.gain):
+            named[judged.name] = judged
     ranked = sorted(named.values(), key=lambda candidate: -candidate.gain)
     likeliest = [candidate for candidate in ranked if candidate.gain > ranked[0].gain + np.log(DOUBT)][:FEW]
-    return [
-        replace(
-            candidate, then=_off_placed(case.meant(*meant[candidate.name]), candidate.hypothesis.of) or candidate.then
-        )
-        for candidate in likeliest
-    ]
+    placed = [_off_placed(candidate.meant, candidate.hypothesis.of) for candidate in likeliest]
+    return [replace(candidate, then=off or candidate.then) for candidate, off in zip(likeliest, placed, strict=True)]
+
+
+def _judged(
+    case: Case, fitted: Misfit | None, hypothesis: Misreading, rows: np.ndarray | None
+) -> RankedMisreading | None:
+    """Return a hypothesis with what is gained by it in (M,) own rows, in all where None; None where it is not named."""
+    try:
+        meant, (words, charge) = case.meant(hypothesis, rows), _charge(case, hypothesis, rows)
+        before = fitted.view if fitted is not None and meant.rests_as(case) else None
+        near = fitted.placed if fitted is not None and hypothesis.of == "loads" else None
+        then = misfit(meant, before, near)
+    except ArmflexError:
+        return None
+    gain, name = (0.0 if fitted is None else fitted.cost) - then.cost, f"{hypothesis.name}{words}"
+    if hypothesis.slip is not None and hypothesis.of not in case.arm.sensors:
+        # An arm that slips as far explains as much.
+        gain = min(gain, 0.5 * (hypothesis.slip / USUAL_PRIOR.geometry) ** 2)
+    if fitted is not None:
+        little = hypothesis.whole and then.off > np.sqrt(DOUBT) * fitted.off
+        if little or gain - charge <= NAMED:
+            return None
+    return RankedMisreading(hypothesis, name, gain - charge, then.said(hypothesis.of, then.view.residual), meant)
 
 
 def _off_placed(case: Case, of: str) -> str:
     """Return how far off is what a hypothesis is about with instrument and target placed, in words; '' unknown."""
     with suppress(ArmflexError):
         fitted = misfit(case, rounds=ROUNDS, placing=True)
-        return fitted.said(of, fitted.left)
+        return fitted.said(of, fitted.explained.left)
     return ""
 
 
@@ -453,131 +527,193 @@ def _charge(case: Case, hypothesis: Misreading, rows: np.ndarray | None) -> tupl
         return f" in session {first!r}", thought + float(np.log(count))
     share = float(np.clip(rows.mean(), 1.0 / len(rows), 1.0 - 1.0 / len(rows)))
     chosen = -LOOKS / 3.0 * (share * np.log(share) + (1.0 - share) * np.log(1.0 - share))
-    return f" in some rows ({100.0 * share:.0f} %, the first {_place(case, int(np.argmax(rows)))})", thought + chosen
+    return f" in some rows ({100.0 * share:.0f} %, the first {case.place(int(np.argmax(rows)))})", thought + chosen
 
 
-def _place(case: Case, row: int) -> str:
-    return case.rows.places[row].short if case.rows.places else f"row {case.some[row]}"
+Candidate = tuple[Misreading, np.ndarray | None]
+"""A hypothesis, and (M,) in which rows it holds, None for all."""
 
 
-def _candidates(case: Case, fitted: Misfit | None) -> Iterator[tuple[Misreading, np.ndarray | None]]:
-    """Yield what is worth being judged: a hypothesis, and (M,) in which rows it holds, None for all."""
+def _candidates(case: Case, fitted: Misfit | None) -> Iterator[Candidate]:
+    """Yield what is worth being judged."""
     suspects = ("",) if fitted is None else fitted.suspects
     every = list(misreadings(case.arm, case.every, suspects))
-    moves = [] if fitted is None else list(_moves(case, fitted))
-    yield from (
-        (hypothesis, None)
-        for hypothesis in _likeliest_turns(
-            [hypothesis for hypothesis in every if hypothesis.of == "orientation"], case, fitted
-        )
-    )
+    every += [] if fitted is None else _moves(case, fitted)
+    of = {name: [hypothesis for hypothesis in every if hypothesis.of == name] for name in ("orientation", "points")}
+    yield from ((hypothesis, None) for hypothesis in _likeliest_turns(of["orientation"], case, fitted))
+    others = [hypothesis for hypothesis in every if hypothesis.of in case.arm.sensors and hypothesis.slip is None]
     if set(suspects) - {None}:
-        points = [hypothesis for hypothesis in every if hypothesis.of == "points"]
-        tracked = bool(case.rows.positioned.all())
-        if tracked:
-            yield from ((hypothesis, None) for hypothesis in estimated(case.arm, case.every, case.some))
-            yield from ((hypothesis, None) for hypothesis in (_apart(case, fitted) if fitted is not None else ()))
-        yield from _first_look(points, case, fitted) if tracked else ((hypothesis, None) for hypothesis in points)
-    for hypothesis in every + moves:
-        if hypothesis.of == "loads" and set(suspects) - {None}:
-            yield hypothesis, None
-            if hypothesis.some and fitted is not None:
-                rows = _rows_of(hypothesis, case, fitted)
-                if rows.any():
-                    yield hypothesis, rows
-        elif hypothesis.slip is not None:
-            yield hypothesis, None
+        points = [hypothesis for hypothesis in of["points"] if hypothesis.slip is None]
+        others += [hypothesis for hypothesis in every if hypothesis.of == "loads"]
+        if case.rows.positioned.all():
+            seen = _seen(case, fitted)
+            if len((largest := _of_one_session(seen, case)).q) >= 3 * FEW and not case.arm.robot.linkage:
+                declared = {hypothesis.name for hypothesis in points}  # their remedies say more
+                numbers = estimated(largest, case.every)
+                yield from ((hypothesis, None) for hypothesis in numbers if hypothesis.name not in declared)
+            yield from () if fitted is None else _apart(case, fitted)
+            meant = [(hypothesis, case.meant(hypothesis)) for hypothesis in points]
+            yield from _nearest([pair for pair in meant if pair[1].sees_otherwise(case)], seen, case, fitted)
+            others += [hypothesis for hypothesis, other in meant if not other.sees_otherwise(case)]
+        else:
+            yield from ((hypothesis, None) for hypothesis in points)
+    yield from ((hypothesis, None) for hypothesis in others) if fitted is None else _first_order(others, case, fitted)
+    yield from ((hypothesis, None) for hypothesis in every if hypothesis.slip is not None)
+
+
+def _seen(case: Case, fitted: Misfit | None) -> SeenRows:
+    """Return the rows of a case in which the tip was seen in each, the arm bent as it is as written."""
+    seen = SeenRows(case.arm, case.rows.q, case.rows.position, case.some, np.zeros((len(case.rows), 3)))
+    return seen if fitted is None else replace(seen, bent=(fitted.view.line.tip - seen.tips(seen.q))[:, :3, 3])
+
+
+def _of_one_session(seen: SeenRows, case: Case) -> SeenRows:
+    """Return some rows of the session that has most."""
+    sessions = case.sessions
+    first = max(dict.fromkeys(sessions.tolist()), key=lambda name: int((sessions == name).sum()))
+    rows = np.flatnonzero(sessions == first)
+    return seen.some(rows[_spread(len(rows), 20 * FEW)])
+
+
+def _nearest(
+    moving: Sequence[tuple[Misreading, Case]], seen: SeenRows, case: Case, fitted: Misfit | None
+) -> Iterator[Candidate]:
+    """Yield the hypotheses that bring points nearest to their places, in all rows, in a session or in some rows.
+
+    They move points by parts of the reach, and explain nothing where the arm, only placed, comes no nearer.
+
+    Args:
+        moving: Hypotheses, and the case as each has it.
+        seen: The rows of the case as written.
+        case: It.
+        fitted: How it fits.
+    """
+    here, there = seen.tips(seen.q), seen.tips(np.array([other.rows.q for _, other in moving]))
+    at = np.array([other.rows.position for _, other in moving])
+    for i, (_, other) in enumerate(moving):
+        if other.arm.robot is not case.arm.robot:
+            there[i] = seen.tips(other.rows.q, other.arm)
+    sessions, unknown = case.sessions, case.arm.measurement.frame != "base"
+    names = list(dict.fromkeys(sessions.tolist())) if len(set(case.rows.session)) > 1 else []
+    of_session = [sessions == name for name in names]
     if fitted is not None:
-        still = [hypothesis for hypothesis in every + moves if hypothesis.slip is None]
-        yield from ((hypothesis, None) for hypothesis in _likeliest_readings(still, case, fitted))
+        of_session = [rows for rows in of_session if fitted.explained.excess[rows].sum() > NAMED]
+    looked: list[tuple[int, np.ndarray | None]] = [(i, None) for i in range(len(moving))]
+    in_some = [i for i, (hypothesis, _) in enumerate(moving) if hypothesis.some]
+    for i, nearer in zip(in_some, seen.nearer(here, there[in_some], at[in_some]), strict=True):
+        looked += [(i, mask) for mask in (*of_session, nearer) if 0 < mask.sum() < len(mask)]
+    prices = [_charge(case, moving[i][0], mask)[1] for i, mask in looked]
+    thin = _spread(len(sessions), 20 * FEW)
+    masks = np.array([np.ones(len(sessions), bool) if mask is None else mask for _, mask in looked])[:, thin]
+    places = [i for i, _ in looked]
+    tips = np.where(masks[:, :, None, None], there[:, thin][places], here[thin])
+    points = np.where(masks[:, :, None], at[:, thin][places], seen.at[thin])
+    anywhere = [moving[i][1].arm.measurement.frame != "base" if mask is None else unknown for i, mask in looked]
+    few = seen.some(thin)
+    before = LOOKS / 3.0 * float(few.cost(few.placed(few.q).left))
+    for free in set(anywhere):
+        chosen = np.flatnonzero(np.array(anywhere) == free)
+        left, *_ = few.placed_tips(tips[chosen], points[chosen], unknown=free)
+        for number, cost in zip(chosen.tolist(), few.cost(left).tolist(), strict=True):
+            prices[number] += LOOKS / 3.0 * cost
+    order = np.argsort(prices, kind="stable")
+    # What a placed arm shows as well is told apart by what else was read: all mirrored frames, say, by orientations.
+    limit = min(prices[order[min(FEW, len(order)) - 1]] + EVEN, before) if len(order) else before
+    yield from ((moving[looked[i][0]][0], looked[i][1]) for i in order.tolist() if prices[i] <= limit)
 
 
-def _apart(case: Case, fitted: Misfit) -> Iterator[Misreading]:
+def _apart(case: Case, fitted: Misfit) -> Iterator[Candidate]:
     """Yield that the target is at another place with each payload, or with each text of another column."""
     view, rows = fitted.view, case.rows
     texts = {"payload": rows.payload} | {
         name: column for name, column in rows.covariates.items() if isinstance(column, tuple) and levels(column)
     }
-    place = view.foremost
     if fitted.kinds[0].name or not isinstance(fitted.kinds[0], Position):
         return
-    blocks = [block for block in declared_blocks(view.setup, rows) if not case.keep or block.kind in FRAMES]
-    jacobian = np.concatenate(
-        [np.zeros((*view.residual.shape, 0)), *(block.jacobian(view) for block in blocks)], axis=2
-    )
-    axes = view.at.axes @ view.line.tip[:, :3, :3]
-    read = np.isfinite(view.sigma[:, place]).all(axis=1)
+    by_target = view.by_target
     for column, texts_in in texts.items():
         first, *others = dict.fromkeys(texts_in)
         count = {name: texts_in.count(name) for name in (first, *others)}
         if not 0 < len(others) <= 2 * FEW or min(count.values()) < FEWEST_ROWS:
             continue
         which = np.array(texts_in)
-        steps = [axes * (which == name)[:, None, None] for name in others]
-        full = np.concatenate([jacobian[:, place], *steps], axis=2)[read] / view.sigma[read][:, place, None]
-        precision = np.concatenate([*(block.prior**-2.0 for block in blocks), np.ones(3 * len(others))])
-        flat = full.reshape(-1, len(precision))
-        whole = (view.residual[read][:, place] / view.sigma[read][:, place]).ravel()
-        values = LinearGaussian.of(flat, precision).solve(flat.T @ whole)
-        shifts = dict(zip(others, values[-3 * len(others) :].reshape(-1, 3), strict=True))
-        yield targets_apart(case.arm, column, texts_in, shifts)
+        steps = np.concatenate([by_target * (which == name)[:, None, None] for name in others], axis=2)
+        after = fitted.linear.beside(steps, np.ones(3 * len(others))).explained()
+        shifts = dict(zip(others, after.step[-3 * len(others) :].reshape(-1, 3), strict=True))
+        hypothesis = targets_apart(case.arm, column, texts_in, shifts)
+        if after.cost + _charge(case, hypothesis, None)[1] < fitted.cost:
+            yield hypothesis, None
 
 
-def _first_look(
-    points: Sequence[Misreading], case: Case, fitted: Misfit | None
-) -> Iterator[tuple[Misreading, np.ndarray | None]]:
-    """Yield the hypotheses that bring points nearest to their places, in all rows, in a session or in some rows.
+def _first_order(others: Sequence[Misreading], case: Case, fitted: Misfit) -> Iterator[Candidate]:
+    """Yield the hypotheses that explain most to first order, in all or some rows, of what each is about a few.
 
-    They move points by parts of the reach, and explain nothing where a rigid arm, nothing fitted, comes no nearer.
+    They are of loads, softness, noise or the numbers of a sensor. One that has no first order is yielded as it is: a
+    sensor that stands elsewhere or reads something else, or that was turned.
     """
-    unknown, sessions, fixed = case.arm.measurement.frame != "base", case.sessions, case.arm.instrument or Instrument()
-
-    def at(case: Case) -> Array:
-        """Return (M, 2, 3) points of the rigid arm in the base, and where they were seen [m]."""
-        return np.stack([fixed.in_base(rigid_tips(case.arm.loaded(None), case.rows.q)), case.rows.position], axis=1)
-
-    def frame(pairs: Array, unknown: bool) -> tuple[Array, Array]:
-        return rigid_fit(pairs[:, 0], pairs[:, 1])[:2] if unknown else (fixed.pose.rotation, fixed.pose.translation)
-
-    def cost(pairs: Array, unknown: bool) -> float:
-        off = _squares(pairs, *frame(pairs, unknown))
-        least = max(float(np.median(off)) / 3.0, (FINE_SHARE * case.arm.robot.reach) ** 2)
-        parts = 0.5 * (TAILS + 3.0) * np.log1p(off / least / TAILS) + 1.5 * np.log(least)
-        return LOOKS / 3.0 * float(parts.mean())
-
-    def nearer(here: Array, there: Array) -> np.ndarray:
-        """Return (M,) which of the points are nearer to their places there, the instrument placed by the rest."""
-        read_so, near = np.zeros(len(here), bool), frame(here, unknown)
-        for _ in range(FEW):
-            last, read_so = read_so, 4.0 * _squares(there, *near) < _squares(here, *near)
-            if np.array_equal(read_so, last):
-                break
-            near = frame(np.where(read_so[:, None, None], there, here), unknown)
-        return read_so
-
-    here, names = at(case), list(dict.fromkeys(sessions.tolist()))
-    before, looked = cost(here, unknown), list[tuple[float, int, Misreading, np.ndarray | None]]()
-    odd = [name for name in names if fitted is None or fitted.excess[sessions == name].sum() > NAMED]
-    masks_of_sessions = [sessions == name for name in odd if len(names) > 1]
-    for hypothesis in points:
+    linear, places = fitted.linear, fitted.view.readings.slices
+    gained, changes, of_change = list[tuple[float, Candidate]](), list[Array](), list[Candidate]()
+    for hypothesis in others:
         other = case.meant(hypothesis)
-        there, placed = at(other), other.arm.measurement.frame != "base"
-        if placed == unknown and np.array_equal(here, there):
-            yield hypothesis, None  # it moves no point
+        pairs = list(zip(fitted.kinds, other.rows.readings.kinds, strict=True))
+        if hypothesis.of in case.arm.sensors:
+            number = [i for i, (kind, read) in enumerate(pairs) if kind.values is not read.values and kind.name]
+            if other.arm is not case.arm or len(number) != 1 or isinstance(fitted.kinds[number[0]], Orientation):
+                yield hypothesis, None
+                continue
+            change = np.zeros_like(fitted.view.residual)
+            change[:, places[number[0]]] = pairs[number[0]][0].values - pairs[number[0]][1].values
+        elif (sigma := other.rows.readings.sigma) is not case.rows.readings.sigma and not np.array_equal(
+            sigma, fitted.view.sigma
+        ):
+            after = replace(linear, floor=np.maximum(sigma, least_sigma(fitted.view))).explained()
+            gained.append((fitted.cost - after.cost, (hypothesis, None)))
             continue
-        price = cost(there, placed) + _charge(case, hypothesis, None)[1]
-        looked.append((price, len(looked), hypothesis, None))
-        masks = [*masks_of_sessions, nearer(here, there)] if hypothesis.some else []
-        for mask in [mask for mask in masks if 0 < mask.sum() < len(mask)]:
-            price = cost(np.where(mask[:, None, None], there, here), unknown)
-            looked.append((price + _charge(case, hypothesis, mask)[1], len(looked), hypothesis, mask))
-    looked.sort(key=lambda glance: glance[:2])
-    yield from ((glance, mask) for price, _, glance, mask in looked[:FEW] if price < before)
+        else:
+            change = bent_otherwise(fitted.view, other.arm, other.rows.payload)
+            carrying = np.array(other.rows.payload) != np.array(case.rows.payload)
+            if hypothesis.some and (mask := _rows_of(change, carrying, fitted)).any():
+                changes.append(np.where(mask[:, None], change, 0.0))
+                of_change.append((hypothesis, mask))
+        changes.append(change)
+        of_change.append((hypothesis, None))
+    if changes:
+        gains = linear.gains(np.stack(changes, axis=2), fitted.explained)
+        gained += zip(gains.tolist(), of_change, strict=True)
+    priced = [(_charge(case, *candidate)[1] - gain, number) for number, (gain, candidate) in enumerate(gained)]
+    ahead = Counter[str]()
+    for price, number in sorted(priced):
+        hypothesis, mask = gained[number][1]
+        ahead[hypothesis.of] += 1
+        if price < 0.0 and ahead[hypothesis.of] <= FEW:
+            yield hypothesis, mask
 
 
-def _squares(pairs: Array, turn: Array, shift: Array) -> Array:
-    """Return the (M,) squared distances of (M, 2, 3) points from their places, turned and shifted."""
-    return ((pairs[:, 1] - pairs[:, 0] @ turn.T - shift) ** 2).sum(axis=1)
+def bent_otherwise(view: View, after: Arm, payload: Sequence[str]) -> Array:
+    """Return (M, d) by how much the readings of an arm change, to first order, if it were another.
+
+    Args:
+        view: The rows of the arm as it is.
+        after: The same links and joints under another gravity, with other payloads, or with other laws.
+        payload: (M,) what it then carries.
+    """
+    arm, pose = view.arm, view.pose_of(view.arm.robot.tip)
+    falls = view.gravity(np.stack([arm.robot.gravity, after.robot.gravity]))
+    change = view.by_gravity @ (falls[:, 1] - falls[:, 0])[..., None]
+    names = zip((view.driven.payload[row] for row in view.rows), payload, strict=True)
+    carried = [(arm.payload(before), after.payload(now)) for before, now in names]
+    mass = np.array([now.mass - before.mass for before, now in carried])[:, None]
+    moment = np.array([now.mass * now.com - before.mass * before.com for before, now in carried])
+    lever = (pose[:, :3, :3] @ moment[..., None])[..., 0]
+    if mass.any() or moment.any():
+        weight = np.concatenate([mass * falls[:, 1], np.cross(lever, falls[:, 1])], axis=1)
+        change = change + view.to_load(arm.robot.tip) @ weight[..., None]
+    if after.flexures is not arm.flexures:
+        loads = view.line.flexure_wrenches
+        twists = after.stack.twists(loads.reshape(len(loads), -1), view.line.row) - view.line.flexure_twists
+        twists = twists.reshape(loads.shape)
+        change = change + view.answer(lambda line: np.einsum("nifj,nfj->ni", line.laws, twists)[..., None])
+    return change[..., 0]
 
 
 def _likeliest_turns(turned: Sequence[Misreading], case: Case, fitted: Misfit | None) -> list[Misreading]:
@@ -596,40 +732,22 @@ def _likeliest_turns(turned: Sequence[Misreading], case: Case, fitted: Misfit | 
     return [turned[i] for i in np.argsort(spread, kind="stable")[:FEW]]
 
 
-def _likeliest_readings(every: Sequence[Misreading], case: Case, fitted: Misfit) -> Iterator[Misreading]:
-    """Yield the hypotheses about sensors; of those about the axes of one those that bring its readings nearest."""
-    looked: list[tuple[float, int, Misreading]] = []
-    for hypothesis in (reading for reading in every if reading.of in case.arm.sensors):
-        other = case.meant(hypothesis)
-        pairs = zip(case.rows.readings.kinds, other.rows.readings.kinds, strict=True)
-        changed = [i for i, (kind, new) in enumerate(pairs) if kind.values is not new.values and kind.name]
-        errors = fitted.view.residual.copy()
-        for i in changed:
-            errors[:, fitted.view.readings.slices[i]] += other.rows.readings.kinds[i].values - fitted.kinds[i].values
-        turned = len(changed) == 1 and isinstance(fitted.kinds[changed[0]], Orientation)
-        if other.arm is not case.arm or len(changed) != 1 or turned or hypothesis.volume:
-            yield hypothesis
-        else:
-            looked.append((fitted.off(errors, changed[0]), len(looked), hypothesis))
-    for sensor in dict.fromkeys(glance.of for *_, glance in looked):  # each has its unit
-        of_sensor = [glance for glance in looked if glance[2].of == sensor]
-        yield from (glance for _, _, glance in sorted(of_sensor, key=lambda glance: glance[:2])[:FEW])
+def _rows_of(change: Array, carrying: np.ndarray, fitted: Misfit) -> np.ndarray:
+    """Return (M,) in which of the rows that carry something else a hypothesis holds: where less is left with it.
 
-
-def _rows_of(hypothesis: Misreading, case: Case, fit_before: Misfit) -> np.ndarray:
-    """Return (M,) in which rows a hypothesis about payloads holds: where less is left of the readings with it."""
-    meant, fitted = case.meant(hypothesis), fit_before
-    open_ = np.array(meant.rows.payload) != np.array(case.rows.payload)
-    chosen, every, where = np.zeros(len(open_), bool), np.arange(len(open_)), fit_before.view.foremost
-    for _ in range(FEW):
-        with suppress(ArmflexError):
-            fitted = misfit(case.meant(hypothesis, chosen), None, fit_before.placed) if chosen.any() else fit_before
-            here, other = (look(fitted.view.setup, rows, every).residual for rows in (case.rows, meant.rows))
-            now = np.where(chosen[:, None], other, here)
-            sizes = [((fitted.left + each - now)[:, where] ** 2).sum(axis=1) for each in (here, other)]
-            chosen = open_ & (sizes[1] < sizes[0])
-            if LOOKS * 0.5 * np.log(sizes[0].sum() / np.minimum(*sizes).sum()) < NAMED and fitted is fit_before:
-                return np.zeros_like(chosen)  # it cannot explain enough
+    Args:
+        change: (M, d) by how much its readings change.
+        carrying: (M,) which rows those are.
+        fitted: The campaign as written.
+    """
+    chosen, where, after = np.zeros(len(carrying), bool), fitted.view.foremost, fitted.explained
+    for number in range(FEW):
+        here = after.left + np.where(chosen[:, None], change, 0.0)
+        sizes = [(errors[:, where] ** 2).sum(axis=1) for errors in (here, here - change)]
+        chosen = carrying & (sizes[1] < sizes[0])
+        if number == 0 and LOOKS * 0.5 * np.log(sizes[0].sum() / np.minimum(*sizes).sum()) < NAMED:
+            return np.zeros_like(chosen)  # it cannot explain enough
+        after = fitted.linear.explained(np.where(chosen[:, None], change, 0.0))
     return chosen
 
 
@@ -646,15 +764,17 @@ def _moves(case: Case, fitted: Misfit) -> Iterator[Misreading]:
             isinstance(kind, Orientation)
             or kind.texts is not None
             or kind.apart
-            or fitted.excess[:, number].sum() < NAMED
+            or fitted.explained.excess[:, number].sum() < NAMED
         ):
             continue
         read = np.flatnonzero(np.isfinite(kind.sigma).all(axis=1))
         if away := kind.some(read).elsewhere(view.at.some(read)):
             yield elsewhere(case.arm, sensors[kind.name], f"{kind.title}: {away}")
-        asked = [(kind.name, kind.title if kind.name else "the instrument", fitted.left[:, place], case.sessions)]
+        asked = [
+            (kind.name, kind.title if kind.name else "the instrument", fitted.explained.left[:, place], case.sessions)
+        ]
         if not kind.name:
-            tip = np.einsum("nji,nj->ni", view.at.axes @ view.line.tip[:, :3, :3], fitted.left[:, place])
+            tip = np.einsum("nji,nj->ni", view.at.axes @ view.line.tip[:, :3, :3], fitted.explained.left[:, place])
             asked.append(("target", "the target", tip, np.zeros(len(tip))))
         for name, title, motion, within in asked:
             best, late, step = 0.0, np.zeros(0, int), np.zeros(kind.dimension)
@@ -668,7 +788,7 @@ def _moves(case: Case, fitted: Misfit) -> Iterator[Misreading]:
             far = name in sensors or 0.5 * (np.linalg.norm(step) / USUAL_PRIOR.geometry) ** 2 > NAMED
             if len(late) and far and (name not in sensors or len(sensors[name].movable)):
                 rows = np.isin(np.arange(len(motion)), np.arange(late[0], late[-1] + 1)) & (within == within[late[0]])
-                start = _place(case, int(late[0]))
+                start = case.place(int(late[0]))
                 yield from moved(case.arm, name, title, start, rows, step, case.rows.session)
 
 

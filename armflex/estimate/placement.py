@@ -18,7 +18,16 @@ from armflex.measured.measurements import Measurements
 from armflex.mechanics.response import Response
 from armflex.readings import Position, Touch, sockets_of
 from armflex.readings.end import rigid_motion
-from armflex.readings.instrument import ROUNDS, SAME, Instrument, fit_frame, fit_mounting, motion_of, rigid_fit
+from armflex.readings.instrument import (
+    ROUNDS,
+    SAME,
+    Instrument,
+    fit_frame,
+    fit_mounting,
+    middle_length,
+    motion_of,
+    rigid_fit,
+)
 
 COARSEST_TURN = 0.05
 """Tolerance: standard uncertainty of the instrument's orientation [rad] beyond which the data do not determine it."""
@@ -147,18 +156,16 @@ def placed_rigidly(
         axes: (M, 3, 3) the tip's axes in the base there; without them the target is where it is declared.
     """
     seen, sessions = measurements.position[rows], np.array([measurements.session[row] for row in rows])
+    names = list(dict.fromkeys(sessions.tolist()))
+    groups = [np.flatnonzero(sessions == name) for name in names]
+    groups = {name: group for name, group in zip(names, groups, strict=True) if len(group) >= FEWEST_ROWS}
     if axes is not None and setup.arm.prior.tool:
-        names = list(dict.fromkeys(sessions.tolist()))
-        groups = [group for group in (np.flatnonzero(sessions == name) for name in names) if len(group) >= FEWEST_ROWS]
-        points = points + axes @ _target_off(points, axes, seen, groups, setup.arm.prior.tool)
+        points = points + axes @ _target_off(points, axes, seen, list(groups.values()), setup.arm.prior.tool)
     fits: dict[str, tuple[pin.SE3, float]] = {}
-    for name in dict.fromkeys(sessions.tolist()):
-        standing = points[sessions == name]
-        if len(standing) < FEWEST_ROWS:
-            continue
-        turn, shift, rms = rigid_fit(standing, seen[sessions == name])
-        if (_turns(standing, max(rms, RESOLUTION)).S > 1.0).all():
-            fits[name] = pin.SE3(turn, shift), rms
+    for name, group in groups.items():
+        turn, shift, rms = rigid_fit(points[group], seen[group])
+        if (_turns(points[group], max(rms, RESOLUTION)).S > 1.0).all():
+            fits[name] = pin.SE3(turn, shift), float(rms)
     near = np.ones(len(rows), bool)
     if len(fits) > 1:
         first = max(fits, key=lambda name: int((sessions == name).sum()))
@@ -185,25 +192,30 @@ def _target_off(points: Array, axes: Array, seen: Array, groups: Sequence[np.nda
         groups: Numbers of each session's points.
         std: One standard deviation of it, each axis [m].
     """
-    target, first = np.zeros(3), np.inf
+    target, first, squares = np.zeros(3), np.inf, 0.0
+    if not groups:
+        return target
+    counted = np.arange(max(map(len, groups))) < np.array([[len(group)] for group in groups])
+    places = np.zeros(counted.shape, dtype=int)
+    places[counted] = np.concatenate(list(groups))
+    points, axes, seen = points[places], axes[places], seen[places]
     for number in range(ROUNDS):
-        information, gradient, squares, count = np.zeros((3, 3)), np.zeros(3), 0.0, 0.0
-        for group in groups:
-            here = points[group] + axes[group] @ target
-            turn, shift, _ = rigid_fit(here, seen[group])
-            there = here @ turn.T
-            left = seen[group] - there - shift
-            length = np.linalg.norm(left, axis=1)
-            limit = 2.0 * max(float(np.median(length)), RESOLUTION)
-            weights = np.repeat(np.minimum(1.0, limit / np.maximum(length, RESOLUTION)), 3)
-            frame = np.linalg.qr(weights[:, None] * rigid_motion(there).reshape(-1, 6))[0]
-            column, error = weights[:, None] * (turn @ axes[group]).reshape(-1, 3), weights * left.ravel()
-            column = column - frame @ (frame.T @ column)
-            information, gradient = information + column.T @ column, gradient + column.T @ error
-            squares, count = squares + error @ error, count + len(error)
-        noise = max(squares / max(count, 1.0), RESOLUTION**2) / std**2
+        here = points + axes @ target
+        turn, shift, _ = rigid_fit(here, seen, counted)
+        there = here @ turn.swapaxes(1, 2)
+        left = seen - there - shift[:, None]
+        length = np.linalg.norm(left, axis=2)
+        limit = 2.0 * np.maximum(middle_length(length, counted), RESOLUTION)[:, None]
+        weights = np.where(counted, np.minimum(1.0, limit / np.maximum(length, RESOLUTION)), 0.0)[:, :, None, None]
+        motion = rigid_motion(there.reshape(-1, 3)).reshape(*places.shape, 3, 6)
+        frame = np.linalg.qr((weights * motion).reshape(len(groups), -1, 6))[0]
+        column = (weights * (turn[:, None] @ axes)).reshape(len(groups), -1, 3)
+        column = (column - frame @ (frame.swapaxes(1, 2) @ column)).reshape(-1, 3)
+        error = (weights[..., 0] * left).ravel()
+        squares = float(error @ error)
+        noise = max(squares / (3.0 * counted.sum()), RESOLUTION**2) / std**2
         first = squares if number == 0 else first
-        step = np.linalg.solve(information + noise * np.eye(3), gradient - noise * target)
+        step = np.linalg.solve(column.T @ column + noise * np.eye(3), column.T @ error - noise * target)
         target = target + step
         if np.linalg.norm(step) < SAME * std:
             break

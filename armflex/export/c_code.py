@@ -225,12 +225,6 @@ def _factors(arm: Arm) -> Factors:
     curved = np.diff(arm.stack.numbers.starts) > 0
     refused += [f"flexure {arm.flexure_names[i]!r} has a network" for i in np.flatnonzero(curved)]
     refused += [f"{one.law.name} pulls at {one.frame!r}" for one in arm.pulls]
-    compliance = arm.stack.numbers.compliance[0]
-    skew = np.abs(compliance - np.swapaxes(compliance, 1, 2)).max(axis=(1, 2), initial=0.0)
-    least = 1e-12 * np.abs(compliance).max(initial=0.0)
-    refused += [
-        f"the compliance of flexure {arm.flexure_names[i]!r} is not symmetric" for i in np.flatnonzero(skew > least)
-    ]
     columns = {f"q_{joint}": place for joint, place in arm.joint_index.items()}
     found = arm.stack.factors(columns | {MASS: len(columns)})
     if refused or found is None:

@@ -25,7 +25,7 @@ from armflex.mechanics.certificate import NEAR
 from armflex.mechanics.equilibrium import Equilibrium, find_equilibrium, load_factor, tangent_of
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import SAG_BAND, LoadedArm, Names, Payload, Structure
-from armflex.mechanics.loop_rows import solver_of
+from armflex.mechanics.loop_rows import rigid_tips, solver_of
 from armflex.mechanics.many_rows import (
     AT_ONCE,
     NO_CHANGES,
@@ -36,12 +36,12 @@ from armflex.mechanics.many_rows import (
     chunks,
     displaced_from,
     responded,
-    rigid_tips,
     rotations,
     tips_of,
 )
 from armflex.mechanics.mechanism import Linear, Mechanism, Rest
 from armflex.mechanics.pinocchio_model import LoadCase
+from armflex.mechanics.response import respond
 from armflex.parallel import in_order, in_pieces
 from armflex.result import Result
 from armflex.robot.urdf import drive_of
@@ -644,6 +644,20 @@ class DeflectionBatch(_Result[Array]):
                 if part is not None:
                     found[rows] += gains[:, :, i] @ part @ np.swapaxes(gains[:, :, i], 1, 2)
             left[rows] = ~(distance < 1.0)
+        still = not self.arm.chain and self.asked.method == "exact" and not self.case.moves
+        for loaded, rows in by_payload(self.arm, self.payloads, len(self.q)) if still else ():
+            for piece in in_pieces(rows, CHUNK):
+                case, carried = self.case.some(piece), (loaded.payload,) * len(piece)
+                row, wrenches = loaded.row(case.q, case.covariates), self.wrenches[piece]
+                parts = [law.covariance(wrenches[:, i], row) for i, law in enumerate(self.arm.stack.laws)]
+                left[piece] = False
+                if all(part is None for part in parts):
+                    continue
+                known = True
+                gains = respond(self.arm, case.q, carried, case.covariates, True, case.wrenches).laws
+                for i, part in enumerate(parts):
+                    if part is not None:
+                        found[piece] += gains[:, :, i] @ part @ np.swapaxes(gains[:, :, i], 1, 2)
         for i in np.flatnonzero(left).tolist():
             one = self.row(i).covariance
             known, found[i] = known or one is not None, 0.0 if one is None else one

@@ -19,10 +19,10 @@ from armflex.errors import ClosureError
 from armflex.laws import Row
 from armflex.mechanics.chain import chain_of
 from armflex.mechanics.engine.binding import Engine, OneRest
-from armflex.mechanics.engine.tables import COIL, FLEXURE, GAS, GEAR, NO_CHANGES, ROD, Laws, Tree
+from armflex.mechanics.engine.tables import COIL, FLEXURE, GAS, GEAR, NO_CHANGES, ROD, SLIDES, TURNS, Laws, Tree
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
-from armflex.mechanics.many_rows import NOT_PUSHED, ManyRows, Pushes, State, displaced_from
+from armflex.mechanics.many_rows import NOT_PUSHED, ManyRows, Pushes, State, displaced_from, tips_of
 from armflex.mechanics.mechanism import Closing, Rest
 from armflex.mechanics.pinocchio_model import FlexModel, LoadCase
 from armflex.mechanics.spring import CoilSpring
@@ -185,8 +185,7 @@ class LoopSolver:
 
         def nominally(into: Rested, i: int) -> bool:
             with suppress(ClosureError):  # the row will say so, asked by itself
-                into.tips[i] = self._mechanics.rigid_tip_pose(q[i]).homogeneous
-                into.closed[i], into.fine[i] = self._controlled.closed(q[i]), True
+                self._place_rigid(into, i, q)
             return True
 
         if self._nominal is not None:
@@ -199,6 +198,25 @@ class LoopSolver:
             found.fine[:] &= nominal.fine
             found.displacement[:] = displaced_from(found.displacement, found.tips, nominal.tips)
         return found
+
+    def rigid_tips(self, q: Array) -> Array:
+        """Return the (N, 4, 4) tips of the rigid mechanism, as the controller knows it, at (N, nq) positions.
+
+        Raises:
+            ClosureError: A row's loops do not close.
+        """
+
+        def alone(into: Rested, i: int) -> bool:
+            self._place_rigid(into, i, q)
+            return True
+
+        engine, tree = (self._rigid, self._nominal) if self._rigid and self._nominal else (self._engine, self._tree)
+        known = (None, None, None, np.ascontiguousarray(q))
+        return self._follow(engine, self._controlled, known, False, True, alone, self._room(tree, len(q))).tips
+
+    def _place_rigid(self, into: Rested, i: int, q: Array) -> None:
+        into.tips[i] = self._mechanics.rigid_tip_pose(q[i]).homogeneous
+        into.closed[i], into.fine[i] = self._controlled.closed(q[i]), True
 
     def fill(self, into: Rested, i: int, rigid: Array, motion: Array, torque: Array, idle: Array) -> None:
         """Put where `Mechanism` has row i at rest, and what is idle there, into the arrays."""
@@ -261,3 +279,25 @@ def solver_of(loaded: LoadedArm, wrenches: tuple[Wrench, ...]) -> LoopSolver:
     if kept is None or not same_objects(kept[0], wrenches):
         kept = loaded.kept.solver = wrenches, LoopSolver(loaded, wrenches)
     return kept[1]
+
+
+def closing_drives(loaded: LoadedArm) -> np.ndarray:
+    """Return (nq,) which drives move what closes its loops: all others may be anywhere, and they stay closed."""
+    tree = trees(loaded)[0]
+    kinds, joins, places = tree.kinds, tree.joins, np.zeros(tree.driven + tree.passive, dtype=bool)
+    gears = joins[joins[:, 0] == GEAR, 1:3].ravel()
+    moving = np.flatnonzero(np.isin(kinds[0] & 3, (TURNS, SLIDES)) & (tree.carried != 0.0).any(axis=0))
+    places[kinds[1, np.concatenate([moving, gears])]] = True
+    places[joins[joins[:, 0] == ROD, 5]] = True
+    return places[: tree.driven]
+
+
+def rigid_tips(loaded: LoadedArm, q: Array) -> Array:
+    """Return the (N, 4, 4) poses of the tip of the rigid arm, where the controller knows it, at (N, nq) positions.
+
+    Raises:
+        ClosureError: A row's loops do not close.
+    """
+    if loaded.arm.robot.linkage:
+        return solver_of(loaded, ()).rigid_tips(q)
+    return tips_of(loaded.nominal or loaded.chain, q)

@@ -513,13 +513,6 @@ def chunks(rows: np.ndarray, size: int) -> Iterator[slice | np.ndarray]:
         yield slice(int(some[0]), int(some[-1]) + 1) if together else some
 
 
-def rigid_tips(loaded: LoadedArm, q: Array) -> Array:
-    """Return the (N, 4, 4) poses of the tip of the rigid arm, where the controller knows it, at (N, nq) positions."""
-    if loaded.arm.robot.linkage:
-        return np.array([loaded.mechanics.rigid_tip_pose(one).homogeneous for one in q]).reshape(-1, 4, 4)
-    return tips_of(loaded.nominal or loaded.chain, q)
-
-
 def tips_of(chain: Tree, q: Array) -> Array:
     """Return the (N, 4, 4) poses of the tip of a rigid chain at (N, nq) joint positions."""
     found = np.empty((len(q), 4, 4))

@@ -167,32 +167,41 @@ def fit_frame(points: Array, measured: Array) -> pin.SE3:
     return pin.SE3(turn, shift)
 
 
-def rigid_fit(points: Array, measured: Array) -> tuple[Array, Array, float]:
-    """Return the (3, 3) rotation, (3,) shift [m] and weighted RMS [m] of the best rigid fit, lost beams weighed down.
+def rigid_fit(points: Array, measured: Array, counted: np.ndarray | None = None) -> tuple[Array, Array, Array]:
+    """Return the (..., 3, 3) rotation, (..., 3) shift [m] and (...) weighted RMS [m] of the best rigid fit.
 
-    Each round is Kabsch's (1976) with the weights of the one before: beyond twice the median distance a point counts as
-    one at that.
+    Each round is Kabsch's (1976) with the weights of the one before: lost beams are weighed down, as beyond twice the
+    median distance a point counts as one at that.
 
     Args:
-        points: (N, 3) points [m].
-        measured: (N, 3) where they were seen [m].
+        points: (..., N, 3) points [m], of as many fits as the other axes have.
+        measured: (..., N, 3) where they were seen [m].
+        counted: (..., N) whether a point is there at all, in fits that have fewer; where not given all are.
     """
-    weights, rms, turn, shift = np.ones(len(points)), 0.0, np.eye(3), np.zeros(3)
-    for _ in range(ROUNDS):
-        share = weights / weights.sum()
-        middle, there = share @ points, share @ measured
+    stacked = np.broadcast_shapes(points.shape, measured.shape)[:-1]
+    there_at_all = np.ones(stacked) if counted is None else np.broadcast_to(counted, stacked).astype(float)
+    weights = there_at_all
+    for number in range(ROUNDS):
+        share = weights / weights.sum(axis=-1, keepdims=True)
+        middle, there = share[..., None, :] @ points, share[..., None, :] @ measured
         nominal, seen = points - middle, measured - there
-        left, _, right = np.linalg.svd((seen * share[:, None]).T @ nominal)
-        turn = left * (1.0, 1.0, np.linalg.det(left @ right)) @ right
-        shift, off = there - turn @ middle, seen - nominal @ turn.T
-        length = np.sqrt(np.einsum("nk,nk->n", off, off))
-        rms, ordered = float(np.sqrt(share @ length**2)), np.sort(length)  # of so few, sooner than numpy's median
-        median = 0.5 * float(ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2])
-        before, limit = weights, 2.0 * max(median, RESOLUTION)
-        weights = np.minimum(1.0, limit / np.maximum(length, RESOLUTION)) ** 2
-        if np.abs(weights - before).max() < SAME:
+        left, _, right = np.linalg.svd((seen * share[..., None]).swapaxes(-1, -2) @ nominal)
+        left[..., 2] *= np.linalg.det(left @ right)[..., None]
+        turn = left @ right
+        length = np.linalg.norm(seen - nominal @ turn.swapaxes(-1, -2), axis=-1)
+        before, limit = weights, 2.0 * np.maximum(middle_length(length, there_at_all), RESOLUTION)
+        weights = there_at_all * np.minimum(1.0, limit[..., None] / np.maximum(length, RESOLUTION)) ** 2
+        if number == ROUNDS - 1 or np.abs(weights - before).max(initial=0.0) < SAME:
             break
-    return turn, shift, rms
+    shift = there - middle @ turn.swapaxes(-1, -2)
+    return turn, shift[..., 0, :], np.sqrt((share * length**2).sum(axis=-1))
+
+
+def middle_length(lengths: Array, counted: np.ndarray) -> Array:
+    """Return the (...) medians of the (..., N) lengths that count; of so few, sooner than numpy's."""
+    ordered, count = np.sort(np.where(counted > 0.0, lengths, np.inf), axis=-1), (counted > 0.0).sum(axis=-1)
+    places = np.stack([(count - 1) // 2, count // 2], axis=-1)
+    return np.take_along_axis(ordered, places, axis=-1).mean(axis=-1)
 
 
 def fit_mounting(axes: Array, rotation: Array) -> Array:

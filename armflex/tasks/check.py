@@ -19,7 +19,8 @@ from armflex.laws.effects.in_arm import about_time
 from armflex.measured.table import Tabular
 from armflex.mechanics.deflection import DeflectionBatch, length_sigma
 from armflex.mechanics.equilibrium import MAX_ROTATION
-from armflex.mechanics.many_rows import displaced_from, rigid_tips
+from armflex.mechanics.loop_rows import rigid_tips
+from armflex.mechanics.many_rows import displaced_from
 from armflex.parallel import in_pieces, in_threads
 from armflex.progress import Progress
 from armflex.result import Result

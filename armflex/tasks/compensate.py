@@ -22,7 +22,7 @@ from armflex.estimate.tip_uncertainty import flagged_covariance
 from armflex.laws.effects.in_arm import about_time
 from armflex.measured.table import Tabular
 from armflex.mechanics.deflection import Deflection, length_sigma
-from armflex.mechanics.many_rows import rigid_tips
+from armflex.mechanics.loop_rows import rigid_tips
 from armflex.mechanics.response import respond
 from armflex.parallel import in_pieces, in_threads
 from armflex.progress import Progress

@@ -32,7 +32,7 @@ from armflex.measured.data_flags import check_joint_units
 from armflex.measured.measurements import Measurements, as_measurements
 from armflex.measured.repeats import REPEATED, repeats
 from armflex.measured.table import Tabular
-from armflex.mechanics.many_rows import rigid_tips
+from armflex.mechanics.loop_rows import rigid_tips
 from armflex.readings.instrument import Instrument
 from armflex.result import Result, record
 from armflex.rows.rows import numbered, same_positions

@@ -71,9 +71,8 @@ class Averaged:
 
     @property
     def setup(self) -> Setup:
-        """Arm and instrument at the values, without effects that were found."""
-        count = len(self.state.fit.values)
-        return realise(self.state.declared, self.state.fit.blocks, self.values[:count])
+        """Arm and instrument at the values, with all that effects change in the model."""
+        return realise(self.state.declared, self.blocks, self.values)
 
     @property
     def added(self) -> tuple[EffectBlock, ...]:

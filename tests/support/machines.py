@@ -10,6 +10,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import armflex
+from armflex import Arm
+from armflex.laws import LinearLaw, Row
 from support.small_arms import joint, link, robot, spaced, write
 
 Point = tuple[float, float, float]
@@ -243,3 +245,11 @@ def poses(name: str, count: int = 4) -> np.ndarray:
     middle = {"crane": [0.0, 1.55, 1.45]}.get(name, np.zeros(len(MACHINES[name].driven)))
     reach = {"crane": [1.0, 0.12, 0.12], "five_bar": 0.25}.get(name, 0.5)
     return middle + np.asarray(reach) * rng.uniform(-1.0, 1.0, (count, len(MACHINES[name].driven)))
+
+
+def skewed(arm: Arm) -> Arm:
+    """Return an arm whose compliances are not symmetric, as where each number of a bench was fitted by itself."""
+    twisted = np.eye(6) + 0.05 * np.random.default_rng(5).standard_normal((6, 6))
+    row = Row(arm.position(), arm.joint_index, {})
+    laws = [LinearLaw(flexure.law.tangent(np.zeros(6), row) @ twisted) for flexure in arm.flexures]
+    return replace(arm, flexures=tuple(replace(one, law=law) for one, law in zip(arm.flexures, laws, strict=True)))

@@ -1311,8 +1311,10 @@ static double proof(const double *stiff, whole n, whole wide, double *lower, who
     return norm;
 }
 
-/* Fill `stiff`, and return the bound on Z' G Z; `matrix` is that without G still. */
-static double distance_of(const arm *a, const here *h, work *w, const double *wrenches, const double *met)
+/* Fill `stiff`, and return the bound on the loads' share of the tangent; `matrix` is M still, that without G. With Z the
+ * columns of M^-1 that laws take it is Z' G Z where they are even, else the rows of flexures of M^-1 G Z: its eigenvalues
+ * are those of the tangent less 1 but for zeros. */
+static double distance_of(const arm *a, const here *h, work *w, const double *wrenches, const double *met, int even)
 {
     whole total = w->total, rank = h->rank, p = total - rank, wide = wide_of(rank), size = total + a->rows;
     double *half = w->small, *form = w->inverse;
@@ -1326,23 +1328,60 @@ static double distance_of(const arm *a, const here *h, work *w, const double *wr
         for (whole z = 0; z < total; z++) {
             put(half + z * w->most + b, sum_of(w->stiff + z * w->wide, w->laws + b, wide, total));
         }
-        for (whole c = 0; c < rank; c++) {
-            pack value = scale(w->laws[c], get(half + b));
-            for (whole z = 1; z < total; z++) {
-                value = add(value, scale(w->laws[z * wide + c], get(half + z * w->most + b)));
+    }
+    if (even) {
+        for (whole b = 0; b < wide; b += WIDE) {
+            for (whole c = 0; c < rank; c++) {
+                pack value = scale(w->laws[c], get(half + b));
+                for (whole z = 1; z < total; z++) {
+                    value = add(value, scale(w->laws[z * wide + c], get(half + z * w->most + b)));
+                }
+                put(form + c * w->most + b, value);
             }
-            put(form + c * w->most + b, value);
         }
+        return proof(form, rank, w->most, half, w->most);
+    }
+    fill(w->laws + total * wide, a->rows * wide);
+    for (whole b = 0; b < wide; b += WIDE) {
+        for (whole z = 0; z < total; z++) {
+            put(w->laws + z * wide + b, get(half + z * w->most + b));
+        }
+    }
+    solve(w->matrix, size, w->side, w->order, w->laws, wide);
+    for (whole c = 0; c < rank; c++) {
+        memcpy(form + c * w->most, w->laws + (p + c) * wide, (size_t)wide * sizeof *form);
     }
     return proof(form, rank, w->most, half, w->most);
 }
 
+/* Twists along which loads are asked, and the change of the gaps by them: those of what moves where laws are even. */
+typedef struct {
+    const double *roots; /* rows of S */
+    double *met, *by;
+} rows_of;
+
+static void ask_along(const arm *a, const here *h, const rows_of *f, int bridged)
+{
+    whole p = a->passive, total = p + h->rank;
+    memcpy(f->met, h->screws + 6 * a->driven, (size_t)(6 * total) * sizeof *f->met);
+    for (whole c = 0; c < h->rank; c++) {
+        whole k = h->carriers[a->driven + p + c];
+        if (k > 0) {
+            screw(h, k, f->roots + 6 * c, f->met + 6 * (p + c));
+        }
+    }
+    if (bridged) {
+        open_gaps(a, h, f->met, total, f->roots, h->rank, f->by);
+    }
+}
+
 /* From where the loops are closed, with `by` there, move to rest; return by how much loads change the stiffness. */
 static double settle(const arm *a, const double *compliance, const double *offset, double unit, const double *wrenches,
-                     const double *q, double *loose_joints, const double *idle, here *h, work *w)
+                     const double *q, double *loose_joints, const double *idle, const rows_of *odd, here *h, work *w)
 {
     whole p = a->passive, m = a->rows, rank = h->rank, total = p + rank, gears = m, n = a->flexures;
-    double before = HUGE_VAL, distance = HUGE_VAL, *right = w->right, *met = h->screws + 6 * a->driven;
+    double before = HUGE_VAL, distance = HUGE_VAL, *right = w->right;
+    const double *met = odd ? odd->met : h->screws + 6 * a->driven, *by = odd ? odd->by : h->by;
     int given = 0;
     fill(h->forces, m);
     fill(h->y, 6 * n);
@@ -1362,24 +1401,27 @@ static double settle(const arm *a, const double *compliance, const double *offse
                 return HUGE_VAL;
             }
             if (count < 2) {
-                open_gaps(a, h, met, total, h->roots, rank, h->by);
+                open_gaps(a, h, h->screws + 6 * a->driven, total, h->roots, rank, h->by);
             }
+        }
+        if (odd) {
+            ask_along(a, h, odd, count < 2);
         }
         weigh(a, wrenches, h);
         if (count == 1) {
-            distance = distance_of(a, h, w, wrenches, met);
+            distance = distance_of(a, h, w, wrenches, met, odd == NULL);
             if (!(distance <= SHARE)) {
                 return HUGE_VAL;
             }
         }
-        if ((count < 2) && !system_of(a, h, w, idle, unit, h->by)) {
+        if ((count < 2) && !system_of(a, h, w, idle, unit, by)) {
             return HUGE_VAL;
         }
         for (whole z = 0; z < total; z++) {
             whole k = h->carriers[a->driven + z];
             double value = dot6(met + 6 * z, h->loads + 6 * k) - ((z >= p) ? h->y[z - p] : 0.0);
             for (whole r = (k > 0) ? gears : 0; r < m; r++) {
-                value -= h->by[r * total + z] * h->forces[r];
+                value -= by[r * total + z] * h->forces[r];
             }
             right[WIDE * z] = value;
         }
@@ -1525,6 +1567,7 @@ static whole rest_rows(const arm *a, whole rows, const double *q, whole settled,
     whole p = a->passive, m = a->rows, n = a->flexures, d = a->driven, rank = -1;
     here h = memory(a, &room);
     double unit = 0.0, *roots = take(&room, 36 * n), *reached = take(&room, 2 * m * m), *rest;
+    rows_of odd = {roots, take(&room, 6 * (p + 6 * n)), take(&room, m * (p + 6 * n))};
     work closing = divided(a, p, 0, &room), w = closing;
     int even = 0;
     for (whole row = first; row < rows; row++) {
@@ -1539,6 +1582,9 @@ static whole rest_rows(const arm *a, whole rows, const double *q, whole settled,
         memcpy(f->closed + row * p, free_joints, (size_t)p * sizeof *free_joints);
         if (settled && ((row == first) || (own > 0))) {
             unit = 1.0 / sqrt(fmax(root(a, compliance, &h, roots, &even), 1e-9));
+            rest = h.roots;
+            h.roots = roots; /* R moves, and S is met */
+            odd.roots = roots = rest;
             if (rank != h.rank) {
                 rank = h.rank;
                 rest = room;
@@ -1551,16 +1597,14 @@ static whole rest_rows(const arm *a, whole rows, const double *q, whole settled,
         if (!settled) {
             continue;
         }
-        if (!even) {
-            return row;
-        }
         (void)join(a, here_q, free_joints, &h);
         open_gaps(a, &h, h.screws + 6 * d, w.total, h.roots, h.rank, h.by);
         if (!find_idle(a, &h, &closing, idle, reached)) {
             return row;
         }
         memcpy(f->flexed + row * p, free_joints, (size_t)p * sizeof *free_joints);
-        f->distance[row] = settle(a, compliance, offset, unit, pushing, here_q, f->flexed + row * p, idle, &h, &w);
+        f->distance[row] = settle(a, compliance, offset, unit, pushing, here_q, f->flexed + row * p, idle,
+                                  even ? NULL : &odd, &h, &w);
         if (!(f->distance[row] <= SHARE)) {
             return row;
         }

@@ -21,6 +21,7 @@ from armflex.conventions import Array
 from armflex.errors import NO_ANSWER, ArmflexError, ClosureError, Flag, no_answer
 from armflex.estimate.tip_uncertainty import tip_covariance
 from armflex.mechanics.deflection import DeflectionBatch, length_sigma
+from armflex.mechanics.loop_rows import closing_drives
 from armflex.parallel import in_halves
 
 BITS = 21
@@ -187,7 +188,7 @@ def _outcomes(arm: Arm, payload: str, options: Mapping[str, Any], q: Array) -> I
         asked_for: ManyRows = q[rows]
         return arm.deflection(asked_for, payload, **options)
 
-    for rows, answer in in_halves(asked, _swept(q) if arm.robot.linkage else np.arange(len(q))):
+    for rows, answer in in_halves(asked, _swept(arm, q)):
         if not isinstance(answer, ArmflexError):
             flags = tuple(Flag(flag.code, flag.text.partition(": ")[2]) for flag in answer.flags)  # without "row 7: "
             yield rows, answer.rigid_pose[:, :3, 3], np.linalg.norm(answer.displacement[:, :3], axis=1), "", flags
@@ -195,11 +196,15 @@ def _outcomes(arm: Arm, payload: str, options: Mapping[str, Any], q: Array) -> I
             yield rows, arm.rigid_pose(q[rows[0]]).translation[None], np.array([-np.inf]), no_answer(answer), ()
 
 
-def _swept(q: Array) -> np.ndarray:
+def _swept(arm: Arm, q: Array) -> np.ndarray:
     """Return (N,) numbers of the rows of (N, nq) q in the order of a sweep: to and fro along each joint in turn.
 
-    A mechanism is followed from row to row, and a row far from the one before it takes many steps.
+    A mechanism is followed from row to row, and a row far from the one before it takes many steps. Only those joints
+    count that move what closes its loops.
     """
+    q = q[:, closing_drives(arm.loaded(None))] if arm.robot.linkage else q[:, :0]
+    if not q.shape[1]:
+        return np.arange(len(q))
     strips = np.ceil(len(q) ** (1.0 / q.shape[1]))
     shares = (q - q.min(axis=0)) / np.maximum(np.ptp(q, axis=0), np.finfo(float).tiny)
     levels = np.minimum(np.floor(shares * strips), strips - 1.0)
@@ -229,7 +234,7 @@ def sigmas(question: MapQuestion, q: Array, payload: np.ndarray) -> tuple[Array,
         return np.nan if covariance is None else length_sigma(batch.displacement[:, :3], covariance[:, :3, :3]), met
 
     for carrying in (np.flatnonzero(payload == number) for number in range(len(question.payloads))):
-        for rows, answer in in_halves(asked, carrying) if len(carrying) else ():
+        for rows, answer in in_halves(asked, carrying[_swept(arm, q[carrying])]) if len(carrying) else ():
             if not isinstance(answer, ArmflexError):
                 sigma[rows], met = answer
                 flags |= {flag.code: flag for flag in met}

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -56,6 +56,8 @@ MOST_DRAWS = 1000
 
 MOST_VOXELS = 5_000_000
 """Voxels that a map may have, which is about a gigabyte."""
+
+OfVoxels = TypeVar("OfVoxels")
 
 VERDICTS = ("ok", "uncertain", "fail")
 
@@ -230,7 +232,8 @@ def map_workspace(
         draws: Ask so many arms drawn from what is known of this one as well, see `draw_arms`; `seed` is theirs, too.
             All else in the map is as without them.
         jobs: Processes, -1 for all cores; None for what joblib is set to, else one.
-        progress: Called with (done, in all): configurations, then also voxels whose uncertainty is found.
+        progress: Called with (done, in all): configurations, and as many steps again for the uncertainty, and for the
+            frequency, of all voxels. How many there are in all is the same from first to last.
 
     Raises:
         UnknownNameError: No such payload or method.
@@ -254,16 +257,23 @@ def map_workspace(
     question = MapQuestion(arms, names, edge, options, rows * len(names))
     drawn = Configurations(lower, upper, rows, seed, CHUNK)
 
+    def tick(stage: int, share: float) -> None:
+        if progress:
+            progress(round(rows * (stage + share)), rows * (1 + uncertainty + frequency))
+
     with closing(in_order((partial(answers, question, q) for q in drawn.chunks()), jobs)) as chunks:
-        tally, met = _gathered(drawn, chunks, progress)
-    sigma, flags_of_sigma = _uncertainties(question, drawn, tally, jobs, progress) if uncertainty else (None, ())
-    answered = tally.answered > 0
-    swing = None
+        tally, met = _gathered(drawn, chunks, partial(tick, 0))
+    answered, sigma, swing = tally.answered > 0, None, None
+    if uncertainty:
+        sigma = np.full(len(tally), np.nan)
+        for voxels, (values, raised) in _of_worst(sigmas, question, tally, jobs, partial(tick, 1)):
+            sigma[voxels] = values
+            met |= {flag.code: flag for flag in raised}
+        sigma = sigma if np.isfinite(sigma).any() or "undetermined" in met else None
     if frequency:
-        pieces, swing = in_pieces(np.flatnonzero(answered), WORST_AT_ONCE), np.full(len(tally), np.nan)
-        tasks_of = (partial(frequencies, question, tally.q[part], tally.payload[part]) for part in pieces)
-        for part, values in zip(pieces, in_order(tasks_of, jobs), strict=True):
-            swing[part] = values
+        swing = np.full(len(tally), np.nan)
+        for voxels, values in _of_worst(frequencies, question, tally, jobs, partial(tick, 1 + uncertainty)):
+            swing[voxels] = values
     blank = np.where(answered, 0.0, np.nan)
     return WorkspaceMap(
         voxel=edge,
@@ -286,7 +296,7 @@ def map_workspace(
         rows=rows,
         seed=seed,
         draws=draws,
-        flags=(*flags, *about_time(arm, {TIME, *settled}), *met, *flags_of_sigma),
+        flags=(*flags, *about_time(arm, {TIME, *settled}), *met.values()),
     )
 
 
@@ -325,9 +335,9 @@ def _edge(voxel: float | None, reach: float, rows: int) -> float:
 
 
 def _gathered(
-    drawn: Configurations, chunks: Iterable[Answer], progress: Progress | None
-) -> tuple[Tally, tuple[Flag, ...]]:
-    """Return all chunks as one tally, joined in their order, and the flags met, each once."""
+    drawn: Configurations, chunks: Iterable[Answer], tick: Callable[[float], None]
+) -> tuple[Tally, dict[str, Flag]]:
+    """Return all chunks as one tally, joined in their order, and the flags met; `tick` gets the share done."""
     flags: dict[str, Flag] = {}
     waiting: list[Tally] = []
     done = 0
@@ -338,29 +348,26 @@ def _gathered(
         for flag in answer.flags:
             flags.setdefault(flag.code, flag)
         done += size
-        if progress:
-            progress(done, drawn.rows)
-    return joined(waiting), tuple(flags.values())
+        tick(done / drawn.rows)
+    return joined(waiting), flags
 
 
-def _uncertainties(
-    question: MapQuestion, drawn: Configurations, tally: Tally, jobs: int | None, progress: Progress | None
-) -> tuple[Array | None, tuple[Flag, ...]]:
-    """Return (V,) standard uncertainties of the largest displacements, None where nobody states any, and flags.
-
-    Only these are asked for: an uncertainty takes as long as tens of displacements.
-    """
+def _of_worst(
+    work: Callable[[MapQuestion, Array, np.ndarray], OfVoxels],
+    question: MapQuestion,
+    tally: Tally,
+    jobs: int | None,
+    tick: Callable[[float], None],
+) -> Iterator[tuple[np.ndarray, OfVoxels]]:
+    """Yield numbers of voxels, and what work makes of their largest displacements, of which alone it is asked."""
     answered = np.flatnonzero(tally.answered)
     pieces = in_pieces(answered, WORST_AT_ONCE)
-    tasks = (partial(sigmas, question, tally.q[rows], tally.payload[rows]) for rows in pieces)
-    sigma, flags, done = np.full(len(tally), np.nan), {}, 0
-    for rows, (of_rows, raised) in zip(pieces, in_order(tasks, jobs), strict=True):
-        sigma[rows] = of_rows
-        flags |= {flag.code: flag for flag in raised}
-        done += len(rows)
-        if progress:
-            progress(drawn.rows + done, drawn.rows + len(answered))
-    return sigma if np.isfinite(sigma).any() or "undetermined" in flags else None, tuple(flags.values())
+    tasks = (partial(work, question, tally.q[voxels], tally.payload[voxels]) for voxels in pieces)
+    done = 0
+    for voxels, of_voxels in zip(pieces, in_order(tasks, jobs), strict=True):
+        yield voxels, of_voxels
+        done += len(voxels)
+        tick(done / len(answered))
 
 
 SUFFIXES = (".safetensors", ".csv")

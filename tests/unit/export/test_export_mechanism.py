@@ -13,7 +13,7 @@ import pytest
 from support.arms import bundled
 from support.compiled_arm import COMPILER, compiled
 from support.exported import Sheet
-from support.machines import MACHINES, poses
+from support.machines import MACHINES, poses, skewed
 from support.sprung_arm import BALANCER, STRUT, TIE, sprung
 
 from armflex import Arm
@@ -112,6 +112,7 @@ def test_no_loops_are_refused_by_name(name: str) -> None:
 EXPORTED: dict[str, Callable[[Path], Arm]] = {
     **{name: lambda _, name=name: bundled(name) for name in ("palletizer", "hybrid_lifter")},
     **{name: lambda folder, name=name: MACHINES[name].load(folder) for name in MACHINES},
+    "skewed": lambda folder: skewed(MACHINES["crane"].load(folder)),
     "calibrated": lambda folder: replace(MACHINES["crane"].load(folder), corrections=FOUND["crane"]),
     "springs": lambda folder: sprung(folder, (BALANCER, TIE, STRUT), full=True),
 }
@@ -119,7 +120,7 @@ EXPORTED: dict[str, Callable[[Path], Arm]] = {
 
 def configurations(name: str, arm: Arm, count: int) -> np.ndarray:
     """Return positions of the drives, each not far from the one before."""
-    machine = {"calibrated": "crane"}.get(name, name)
+    machine = {"calibrated": "crane", "skewed": "crane"}.get(name, name)
     if machine in MACHINES:
         return poses(machine, count)
     way, ends = np.linspace(-0.3, 0.3, count)[:, None], (arm.robot.lower, arm.robot.upper)

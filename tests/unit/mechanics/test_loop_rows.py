@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.linearised import linearised_rows
-from support.machines import CRANE, MACHINES, PARALLELOGRAM, UNEVEN, Hinge, Machine, poses
+from support.machines import CRANE, MACHINES, PARALLELOGRAM, UNEVEN, Hinge, Machine, poses, skewed
 from support.sprung_arm import BALANCER, STRUT, TIE, sprung
 
 import armflex
@@ -78,6 +78,9 @@ CASES: dict[str, tuple[Callable[[Path], Arm], str | None]] = {
     "gas": (lambda f: declared(PARALLELOGRAM, f, more=GAS), "parallelogram"),
     "followed": (followed, None),
     "chain": (lambda f: sprung(f, (BALANCER, TIE, STRUT), full=True), None),
+    "skewed": (lambda f: skewed(declared(UNEVEN, f, compliance=f"compliance = {FULL}", kind=SPHERICAL)), "uneven"),
+    "skewed crane": (lambda f: misplaced(skewed(CRANE.load(f))), "crane"),
+    "skewed chain": (lambda f: skewed(sprung(f, (BALANCER, TIE, STRUT), full=True)), None),
     "moved chain": (lambda f: misplaced(sprung(f, (BALANCER, TIE), full=True)), None),
 }  # fmt: skip
 
@@ -167,6 +170,21 @@ def test_compiled_responses_are_those_of_pinocchio(name: str, tmp_path: Path, mo
                 far = 1e-9 * np.abs(expected).max()
                 np.testing.assert_allclose(getattr(line.of(link), one), expected[some], rtol=0, atol=far, err_msg=one)
     assert many.equilibrium(1).motion == pytest.approx(few.founds[1].motion, abs=1e-12)
+
+
+def test_uncertainties_and_rigid_tips_of_many_rows_are_those_of_each(tmp_path: Path, monkeypatch) -> None:
+    compliance = f"compliance = {FULL}\nrelative_std = 0.2"
+    arm = misplaced(declared(UNEVEN, tmp_path, compliance=compliance, kind=SPHERICAL))
+    q = poses("uneven", 4)
+    alone = [replace(arm).deflection(row, wrenches=LOADS, method="newton") for row in q]
+    covariances = np.array([one.covariance for one in alone])
+    asked, closed = [], Mechanism.rest
+    monkeypatch.setattr(Mechanism, "rest", lambda *given: asked.append(given) or closed(*given))
+    many = replace(arm).deflection(q, wrenches=LOADS)
+    assert covariances.any() and many.covariance is not None
+    np.testing.assert_allclose(many.covariance, covariances, rtol=0, atol=1e-9 * np.abs(covariances).max())
+    np.testing.assert_allclose(many.rigid_pose, [one.rigid_pose.homogeneous for one in alone], rtol=0, atol=1e-12)
+    assert not asked
 
 
 @pytest.mark.slow

@@ -53,8 +53,12 @@ PAYLOADS = ("none", "p600")
 
 
 def test_a_mechanism_is_followed_from_row_to_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Rows as they are drawn are a third of the range of 0.6 m apart, and each would be closed in many steps."""
-    parts = [link("base"), link("boom", 4.0, (0.5, 0.0, 0.0), 0.2), link("tool")]
+    """Rows as they are drawn are a third of the range of 0.6 m apart, and each would be closed in many steps.
+
+    Where the column's joint stands has nothing to do with what the cylinder closes.
+    """
+    parts = [link("ground"), link("base", 1.0), link("boom", 4.0, (0.5, 0.0, 0.0), 0.2), link("tool")]
+    parts += [joint("turn", "ground", "base", axis=(0.0, 0.0, 1.0))]
     parts += [joint("j", "base", "boom", (0.0, 0.0, 0.3), axis=(0.0, 1.0, 0.0))]
     (tmp_path / "r.urdf").write_text(robot(*parts, joint("end", "boom", "tool", (1.0, 0.2, 0.1), kind="fixed")))
     ends = 'link = "base"\nat = [0.0, 0.0, -0.3]\nto = "boom"\nat_to = [0.6, 0.0, 0.0]\nlower = 0.5\nupper = 1.1\n'
@@ -64,14 +68,13 @@ def test_a_mechanism_is_followed_from_row_to_row(tmp_path: Path, monkeypatch: py
     asked = list[float]()
 
     def followed(self: Closing, q: np.ndarray) -> np.ndarray:
-        asked.append(float(q[0]))
+        asked.append(float(q[1]))
         return closed(self, q)
 
     monkeypatch.setattr(Closing, "closed", followed)
     found = map_workspace(arm, rows=256)
-    assert found.configurations.sum() == 256 and len(asked) >= 256
-    as_drawn = np.random.default_rng(1).permutation(asked)
-    assert np.median(np.abs(np.diff(asked))) < 0.1 * np.median(np.abs(np.diff(as_drawn)))
+    assert found.configurations.sum() == found.answered.sum() == 256
+    assert 0 < len(asked) < 32  # the engine closes all others from where it closed those before
 
 
 def configurations(arm: Arm, rows: int, seed: int) -> np.ndarray:
@@ -437,7 +440,9 @@ def fine(result: subprocess.CompletedProcess, code: int = 0) -> subprocess.Compl
 
 
 def test_frequencies_are_those_of_the_worst_configurations(tarm: Arm, tmp_path: Path) -> None:
-    found = map_workspace(tarm, PAYLOADS, rows=64, frequency=True)
+    said: list[tuple[int, int]] = []
+    found = map_workspace(tarm, PAYLOADS, rows=64, frequency=True, progress=lambda *at: said.append(at))
+    assert said == sorted(said) and said[-1] == (192, 192) and {total for _, total in said} == {192}
     assert found.frequency is not None and map_workspace(tarm, rows=8).frequency is None
     for i in (0, found.worst_voxel, len(found) - 1):
         modes = tarm.modes(found.worst_q[i], PAYLOADS[found.worst_payload[i]], count=1)

@@ -10,9 +10,14 @@ from support import six_axes
 
 from armflex import calibrate
 from armflex.conventions import Array
+from armflex.estimate.block import EffectBlock
 from armflex.estimate.held_out import held_out, pose_folds
 from armflex.estimate.posterior import certainty_of
 from armflex.laws.effects.backlash import BACKLASH
+from armflex.laws.effects.candidate import Candidate
+from armflex.laws.effects.compliance import COMPLIANCE
+from armflex.laws.effects.link_mass import LINK_MASS
+from armflex.laws.effects.location import Location
 from armflex.trace.averaging import Averaged, averaged, beside_calibrated
 from armflex.trace.hypotheses import Hypothesis, hypotheses
 from armflex.trace.probabilities import Drawn, bagged
@@ -71,7 +76,7 @@ def test_one_arm_predicts_what_models_do_on_average(fitted: State) -> None:
         each.append(fitted.quiet * (seen + evidence.projection.regressors @ rest))
     alone, average = (averaged(fitted, evidence, own, some) for some in (drawn[:1], drawn))
     assert not alone.rivals and len(average.rivals) == 1
-    assert len(average.setup.arm.effects) == 2 and len(average.effects) == 3
+    assert len(average.setup.arm.effects) == len(average.effects) == 3
     columns = regressors(average)
     change = columns @ average.values - regressors(alone) @ alone.values
     np.testing.assert_allclose(change, np.mean(each, axis=0) - each[0], atol=1e-6 * np.abs(each[0]).max())
@@ -83,6 +88,24 @@ def test_one_arm_predicts_what_models_do_on_average(fitted: State) -> None:
     stated = average.certainty(known)
     assert stated.labels == (*known.labels, *(one.label for block in average.rivals for one in block.parameters))
     assert np.all(np.diag(stated.covariance)[: len(known.parameters)] >= np.diag(known.covariance))
+
+
+def test_a_rival_that_changes_the_model_is_in_the_arm(fitted: State) -> None:
+    """What is heavier weighs in the arm that is returned, not only in the file that is written of it."""
+    context, first = fitted.context, len(fitted.effects)
+    compliance = Candidate(COMPLIANCE, Location("elbow_joint", "ry"), ()).effect(np.zeros(1))
+    mass = Candidate(LINK_MASS, Location(context.records.bodies[-1], terms=(0,)), ()).effect(np.zeros(1))
+    rivals = tuple(
+        EffectBlock(one, (), context, first + i, np.full(1, np.inf)) for i, one in enumerate((compliance, mass))
+    )
+    values = np.append(fitted.fit.values, [1e-4, 2.5])
+    average = Averaged(fitted, rivals, values, np.zeros((len(values),) * 2))
+    softer = fitted.fit.setup.with_effect(rivals[0].at(values[-2:-1]))
+    arms = (average.setup.arm, softer.with_effect(rivals[1].at(values[-1:])).arm, softer.arm)
+    came = dict.fromkeys(context.row.covariates, 1.0)
+    averaged_arm, heavy, light = (arm.deflection(context.row.q[0], covariates=came).displacement for arm in arms)
+    np.testing.assert_allclose(averaged_arm, heavy, rtol=1e-12)
+    assert np.linalg.norm(heavy - light) > 1e-4
 
 
 def test_a_rival_that_does_what_was_found_does_makes_readings_no_less_certain(fitted: State) -> None:
