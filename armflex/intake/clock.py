@@ -86,6 +86,9 @@ def counted(source: SourceTable, meant: Sequence[Meaning], moved: Array, unit: s
         if DENSE < step <= DENSE / TIME_UNITS[name] and is_sampled(raw * TIME_UNITS[name], moved, unit):
             why = f"steps of {step:.4g}: samples of a motion"
             return (*meant[:at], replace(meant[at], unit=name, why=why), *meant[at + 1 :])
+    whole = np.array_equal(written := numbers(source.columns[at]), np.round(written))  # it counts
+    if whole and step * TIME_UNITS["cs"] <= DENSE and is_sampled(raw * TIME_UNITS["cs"], moved, unit):
+        return (*meant[:at], replace(meant[at], unit=None), *meant[at + 1 :])
     return tuple(meant)
 
 
@@ -94,6 +97,9 @@ def doubt(source: SourceTable, meant: Sequence[Meaning]) -> str:
     clock, time = next((one for one in meant if (one.kind, one.name) == ("time", "time")), None), times(source, meant)
     if clock is None or time is None or not (read := np.isfinite(time)).any():
         return ""
+    if clock.unit is None:
+        text = f"counts seconds, or hundredths of one: --take '{clock.column}=time_s' or '{clock.column}=time_cs'"
+        return f"{source.path}: {clock.column!r} {text}"
     steps = np.diff(np.unique(time[read]))
     step, last = float(np.median(steps)) if len(steps) else 1.0, float(time[read].max())
     if step <= SLOWEST and (lasts := float(np.ptp(time[read]))) > LONGEST:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import unicodedata
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
@@ -66,6 +67,8 @@ UPRIGHT = "gravity = [0.0, 0.0, -9.81]     # m/s^2: the base stands upright"
 
 BARE = re.compile(r"[A-Za-z0-9_-]+")
 """A key of TOML that needs no quotes."""
+
+DEGREES = re.compile(r"°|deg(?:rees?)?", re.IGNORECASE)
 
 RIGHT = 2.0 * np.pi
 """No angle of a row is beyond this [rad]: numbers beyond it are degrees."""
@@ -132,7 +135,8 @@ def read_dh(source: SourceTable, form: str | None, ask: Ask | None, unused: Coll
     parts, taken, wrong = dict[str, Array](), list[tuple[str, str, str, str]](), list[str]()
     moved, written = dict[str, np.ndarray](), dict[str, bool]()
     for name in (name for name in cells if name not in WORDS):
-        read = [_number(str(cell)) for cell in cells[name]]
+        said = DEGREES if column_of[name][1].startswith("deg") else None  # once more in its cells
+        read = [_number(said.sub("", str(cell)) if said else str(cell)) for cell in cells[name]]
         for i, cell_read in enumerate(read):
             if cell_read is None or (cell_read[2] is not None and name not in ("theta", "d")):
                 place, header = Place(path, source.lines[i]), source.header[column_of[name][0]]
@@ -150,11 +154,11 @@ def read_dh(source: SourceTable, form: str | None, ask: Ask | None, unused: Coll
         length, why = name in "da", "its header"
         units, alike = (LENGTHS if length else ANGLE_UNITS), [part for part in parts if (part in "da") == length]
         largest = max(float(np.abs(parts[part]).max()) for part in alike)
-        if any(written[part] for part in alike):
-            if (unit or "rad") != "rad" or (largest > RIGHT and any(not column_of[part][1] for part in alike)):
+        if written[name] or (not unit and any(written[part] for part in alike)):
+            if unit not in ("", "rad") or (not unit and largest > RIGHT):
                 wrong.append(f"{path}: {source.header[at]!r} is among angles with pi, and others are in degrees")
                 continue
-            unit, why = "rad", why if unit else "written with pi"
+            unit, why = "rad", why if unit else "its cells"
         if unit and unit not in units:
             wrong.append(f"{path}: {source.header[at]!r} is in {unit!r}, which is not known ({listing(units, 6)})")
             continue
@@ -231,12 +235,15 @@ def _same_way(header: str, cell: str) -> bool:
 
 
 def _number(cell: str) -> tuple[float, bool, str | None] | None:
-    """Return a cell's number, whether it is written with pi, and the number of a joint's variable in it, '' of none.
+    """Return a cell's number, whether it says that it is in rad, and the number of a joint's variable in it.
 
-    None instead of that where no variable stands there, and instead of all where the cell is no number.
+    It says so with pi, or with its unit; degrees with theirs are converted. A variable may have no number: ''. None
+    instead of that where no variable stands there, and instead of all where the cell is no number.
     """
-    text = re.sub(r"[\s°()]|deg|rad|(?:np|numpy|math)\.", "", cell.lower())
-    text = text.replace("π", "pi").replace("−", "-").replace("∗", "*")
+    text = re.sub(r"[\s()]|(?:np|numpy|math)\.", "", cell.lower()).replace("−", "-").replace("∗", "*")
+    text = re.sub("(?<![0-9])[½¼¾]", lambda part: str(unicodedata.numeric(part[0])), text.replace("π", "pi"))
+    text, degrees = DEGREES.subn("", text)
+    text, radians = re.subn("rad", "", text)
     match = next((match for pattern in CELLS if (match := pattern.fullmatch(text))), None)
     if match is None:
         return None
@@ -249,7 +256,7 @@ def _number(cell: str) -> tuple[float, bool, str | None] | None:
                 return None
             size = size / value if sign == "/" else size * value
     number = (parts["turning"] or parts["sliding"] or "") if parts.get("variable") else None
-    return size, "pi" in (constant or ""), number
+    return (np.radians(size) if degrees else size), bool(degrees or radians or "pi" in (constant or "")), number
 
 
 def arm_text(robot: Sequence[str], tip: str, declare: str, tracked: bool) -> str:
@@ -272,7 +279,7 @@ def arm_text(robot: Sequence[str], tip: str, declare: str, tracked: bool) -> str
 
 def _bare(header: str) -> tuple[str, str]:
     """Return a column's name and its unit, '' where the header has none."""
-    text, unit = header.strip().replace("−", "-"), ""
+    text, unit = unicodedata.normalize("NFKC", re.sub(r"[\\${}]", "", header)).strip().replace("−", "-"), ""
     match = BRACKETS.fullmatch(text)
     if match and not re.fullmatch(r"i(?: ?- ?1)?", match[2].strip()):
         text, unit = match[1], match[2]

@@ -37,9 +37,9 @@ from armflex.intake.meanings import (
     ANGLES,
     COUNTS,
     ROUNDED,
+    SETS,
     SINCE_1970,
     TIME_UNITS,
-    UR,
     VECTOR,
     Ask,
     Meaning,
@@ -64,6 +64,7 @@ from armflex.intake.streams import (
     offset,
     paired,
     reduced,
+    repeated,
     spread,
     unwrapped,
 )
@@ -329,8 +330,8 @@ def _by_dh(joined: Intake, source: SourceTable, arm: DhTable, tracked: bool) -> 
         TableError: There are more or fewer of them.
     """
     joints, notes = [name.removeprefix("q_") for name in joined.columns if name.startswith("q_")], joined.notes
-    if {*joints} == {f"{name}_joint" for name in UR}:  # ROS sorts them by name
-        joints = [f"{name}_joint" for name in UR]
+    if names := next((names for _, names in SETS if {*names} == {*joints}), None):  # ROS sorts them by name
+        joints = list(names)
     elif all(joint[-1:].isdigit() for joint in joints):
         joints.sort(key=lambda joint: int(re.findall(r"\d+", joint)[-1]))
     else:
@@ -400,6 +401,8 @@ def _as_robot(of_log: tuple[Meaning, ...], robot: Robot) -> tuple[tuple[Meaning,
         ), []
     numbered = [re.fullmatch(r"\D*?(\d)", joint) for joint in named]
     counts = [match and int(match[1]) for match in numbered]
+    if names := next((names for _, names in SETS if {*names} == {*named}), None):
+        counts = [names.index(joint) for joint in named]
     if counts not in (list(range(1, len(moving) + 1)), list(range(len(moving)))):
         text = f"the log has joints {listing(named)}, and {robot.urdf.path.name} has {listing(moving)}"
         return of_log, [f"{text}: --take 'COLUMN=q_{moving[0]}'"]
@@ -624,17 +627,18 @@ def _campaign(
     exported: list[tuple[int, np.ndarray]] = []
     turned = np.zeros((0, 4))
     for i in points:
-        xyz = np.column_stack([_numbers(sources[i], understood[i], ("coordinate",))[axis] for axis in "xyz"])
         if i == log_at:
             pairs, how, about = {"": np.arange(len(names))}, "one file: row by row", []
         else:
             pairs, names, how, about = _joined(log, of_log, names, sources[i], understood[i])
-        hows, notes = [*hows, how], [*notes, *about]
+        export, more = _unheld(sources[i], understood[i], pairs, np.column_stack([*rows.values()]))
+        xyz = np.column_stack([_numbers(export, understood[i], ("coordinate",))[axis] for axis in "xyz"])
+        hows, notes = [*hows, how], [*notes, *about, *more]
         for target, row_of in pairs.items():
             label = target if len(points) < 2 else str(len(placed) + 1)
             if i != log_at and row_of is next(iter(pairs.values())):
                 exported.append((i, row_of))
-            if not placed and (four := _turns(sources[i], understood[i])) is not None:
+            if not placed and (four := _turns(export, understood[i])) is not None:
                 turned = np.where((row_of >= 0)[:, None], four[row_of], np.nan)
             placed[label] = np.where((row_of >= 0)[:, None], xyz[row_of], np.nan)
     path = not points and not pictures and not any(meaning.kind == "picture" for meaning in of_log)
@@ -707,6 +711,28 @@ def _campaign(
     )
     how = listing(dict.fromkeys(hows)) if hows else "to nothing: each is a via-point"
     return Intake(columns, table, how, declare, tuple(notes), log.lines, log.path)
+
+
+def _unheld(
+    export: SourceTable, meant: Sequence[Meaning], pairs: Mapping[str, np.ndarray], joints: Array
+) -> tuple[SourceTable, Sequence[str]]:
+    """Return an export that is empty where an instrument holds its last place, see `repeated`, and a note of it.
+
+    Args:
+        export: With x, y and z.
+        meant: What its columns are.
+        pairs: By target, (N,) its row for each of the log, -1 for none.
+        joints: (N, n) positions in the log [rad or m].
+    """
+    places = np.column_stack([_numbers(export, meant, ("coordinate",))[axis] for axis in "xyz"])
+    gone = np.zeros(len(places), dtype=bool)
+    for row_of in pairs.values():
+        of_log = np.argsort(row_of, kind="stable")[np.count_nonzero(row_of < 0) :]
+        gone[row_of[of_log]] |= repeated(places[row_of[of_log]], joints[of_log])
+    if not gone.any():
+        return export, ()
+    export = emptied(export, meant, gone, "is exactly where it was before, though joints moved")
+    return export, export.notes[-1:]
 
 
 def _add_beside(

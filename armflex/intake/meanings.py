@@ -19,7 +19,30 @@ Ask = Callable[[str, Sequence[str]], str]
 TURN = 2.2 * np.pi
 """Tolerance: position [rad] of a joint beyond which it is none: controllers count one turn either way at most."""
 
-UR = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+UR = tuple(f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"))
+
+SETS = tuple(
+    (tuple(words.split()), names)
+    for words, names in (
+        ("S L E U R B T", tuple("SLEURBT")),
+        ("S L U R B T", tuple("SLURBT")),
+        ("base shoulder elbow wrist1 wrist2 wrist3", UR),
+        ("E N U", tuple("xyz")),
+        ("rechtswert hochwert höhe", tuple("xyz")),
+        *((f"east{s} north{s} {up}", tuple("xyz")) for s in ("", "ing") for up in ("up", "elevation", "height")),
+    )
+)
+"""Words -> what they are called where all of a set stand, as alone they may be anything: T is a temperature, or a time.
+
+Joints of Yaskawa and Universal Robots, base to tip, and places to the east, north and up.
+"""
+
+OF_ANOTHER = (
+    r"(?!(?:\w*[\W_])?(?:tau|torques?|efforts?|moments?|loads?|forces?|currents?|amps?|voltages?|power|pwm|temp\w*|speeds?"
+    r"|vel\w*|d?q?d|acc\w*|err\w*|dev\w*|delta|diff|lag|limits?|lower|upper|min|max|state|status|mode|brakes?|cmd"
+    r"|command\w*|targets?|set\w*|desired|soll|ref\w*)[\W_])"
+)
+"""What does not stand before the name of a joint in the column of its position: a torque, a temperature, a command."""
 
 PLACED_WORD = r"(?:act(?:ual)?|ist|pos(?:ition)?|angle|winkel)"
 JOINTS: tuple[tuple[str, str], ...] = (
@@ -29,9 +52,14 @@ JOINTS: tuple[tuple[str, str], ...] = (
     (r"(?:/?joint_states?[./])?position(?:[._](?P<name>.*\S)|\[(?P<listed>[^\[\]]+)\])", "rad"),
     (r"(?:.*/)?joint_states?/(?P<name>.+)/position", "rad"),
     (r"axispos_(?:act|cmd)_?(?P<kuka>[1-6])", ""),
-    (r"(?P<short>rax_[1-6])", "deg"),
-    (r"q\[(?P<listed>\d+)\]", ""),
-    (rf"(?P<short>(?:j|a|q|axis|joint|achse|gelenk|theta|θ)[ _.]?\d{{1,2}})(?:[ _.]{PLACED_WORD})?", ""),
+    (rf"(?:{OF_ANOTHER}\w+\.)*(?P<short>rax_[1-6])", "deg"),
+    (r"(?:q|posj|jpos|joints?)\[(?P<listed>\d+)\]", ""),
+    (
+        rf"(?:{OF_ANOTHER}\w+\.)?(?P<short>(?:jt?|a|q|axis|joint|achse|gelenk|theta|th|θ)[ _.]?\d{{1,2}})"
+        rf"(?:[ _.]{PLACED_WORD})?",
+        "",
+    ),
+    (rf"{OF_ANOTHER}(?P<name>(?:[^\W\d]\w*_)?joint_?[a-z]?\d{{1,2}})(?:[ _.]{PLACED_WORD})?", ""),
 )
 """Patterns of a joint's column, and the unit that their controller writes; '' where people write either.
 
@@ -64,6 +92,7 @@ TIME_UNITS = {
     **dict.fromkeys(("h", "hr", "hrs", "hour", "hours"), 3600.0),
     **dict.fromkeys(("d", "day", "days"), 86400.0),
     **dict.fromkeys(("sec", "secs", "second", "seconds"), 1.0),
+    **dict.fromkeys(("cs", "centiseconds", "hundredths"), 1e-2),
     **dict.fromkeys(("msec", "msecs", "millisecond", "milliseconds"), 1e-3),
     **dict.fromkeys(("us", "µs", "μs", "usec", "usecs", "microsecond", "microseconds"), 1e-6),
     **dict.fromkeys(("ns", "nsec", "nsecs", "nanosec", "nanosecs", "nanosecond", "nanoseconds"), 1e-9),
@@ -176,13 +205,14 @@ def meanings(
         slides: Those of them that are lengths.
     """
     comment = next(filter(None, (_unit_of_comment(text) for text in source.comments)), None)
-    meant, parts = [], _parts_of_time(source)
+    meant, parts, of_set = [], _parts_of_time(source), _of_set(source.header)
     for header, cells in zip(source.header, source.columns, strict=True):
         given = taken.get(header)
         meaning = parts.get(header) if given is None else None
         if source.part and given is None and header.startswith(RECORDED):  # a message has names, and no units in them
             meaning = Meaning(header, "joint", header.removeprefix(RECORDED), "rad", "as ROS has it")
-        meant.append(meaning or _meaning(given or header, header, cells, comment, given is not None, joints))
+        text, called = of_set.get(header, (header, ()))
+        meant.append(meaning or _meaning(given or text, header, cells, comment, given is not None, (*joints, *called)))
     if any((meaning.kind, meaning.name) == ("time", "time") and meaning.column not in parts for meaning in meant):
         meant = [replace(meaning, kind="unused", why="another is the time") if meaning.column in parts else meaning
                  for meaning in meant]  # fmt: skip
@@ -237,7 +267,7 @@ def meanings(
         if meaning.kind == "joint" and meaning.unit is None and meaning.name not in slides
         if np.isfinite(values := numbers(cells)).any()
     ]
-    if sizes and max(sizes) > TURN:
+    if sizes and TURN < max(sizes) <= np.degrees(TURN):  # beyond a turn in degrees it is neither
         why = f"a value of {max(sizes):.4g} is no angle in rad"
         meant = [
             replace(meaning, unit="deg", why=why)
@@ -246,6 +276,19 @@ def meanings(
             for meaning in meant
         ]
     return tuple(meant)
+
+
+def _of_set(header: Sequence[str]) -> dict[str, tuple[str, tuple[str, ...]]]:
+    """Return columns of whole sets of `SETS`, as those name them, and the name where it is a joint's."""
+    bare = {name: _with_unit(name.strip())[0] for name in header}
+    short = {name: re.sub(r"[ _.-]+(?:axis|achse)$|[ _.-]", "", text) for name, text in bare.items()}
+    column = {text if len(text) == 1 else text.lower(): name for name, text in short.items()}
+    called = dict[str, tuple[str, tuple[str, ...]]]()
+    for words, names in SETS:
+        if column.keys() >= {*words} and not called.keys() & {column[word] for word in words}:
+            for at, name in zip((column[word] for word in words), names, strict=True):
+                called[at] = at.replace(bare[at], name, 1), () if len(names) == 3 else (name,)
+    return called
 
 
 def _parts_of_time(source: SourceTable) -> dict[str, Meaning]:
@@ -290,7 +333,7 @@ def _meaning(text: str, header: str, cells: Cells, comment: str | None, asked: b
         if match := re.fullmatch(pattern, text.strip(), re.IGNORECASE):
             parts = match.groupdict()
             if parts.get("ur"):
-                name = f"{UR[int(parts['ur'])]}_joint"
+                name = UR[int(parts["ur"])]
             elif short := parts.get("short"):
                 name = re.sub(r"[ .]", "_", short)
             else:

@@ -190,6 +190,21 @@ def held(places: Array, time: Array, spans: Array) -> np.ndarray:
     return lasts & noisy & same
 
 
+def repeated(places: Array, joints: Array) -> np.ndarray:
+    """Return (N,) which readings are the last place again, to the last digit, though the joints moved in between.
+
+    An instrument that holds its last value where its beam is lost writes such rows. None are where most rows are such:
+    there the target is put into the same few places on purpose.
+
+    Args:
+        places: (N, 3), in the order in which they were read.
+        joints: (N, n) positions [rad or m] of the same rows.
+    """
+    same = (np.diff(places, axis=0, prepend=np.nan) == 0.0).all(axis=1)
+    same &= (np.abs(np.diff(joints, axis=0, prepend=np.nan)) > STILL["rad"]).any(axis=1)
+    return same & (2 * np.count_nonzero(same) < len(same))
+
+
 def dwells(time: Array, values: Array, unit: str) -> Array:
     """Return (K, 2) first and last time [s] of each stretch in which nothing moves.
 

@@ -229,6 +229,13 @@ def test_what_is_harmless_in_an_input_file_is_left_out(tmp_path: Path) -> None:
         "*TIME POINTS, NAME=T",
     ]
     lines += [
+        "*MATERIAL, NAME=P",
+        "*ELASTIC",
+        "70e9, 0.33",
+        "*PLASTIC",
+        "2e8, 0.",
+        "*CREEP, LAW=STRAIN",
+        "1e-20, 4., 0.",
         "*STEP, NLGEOM=NO",
         "*STATIC",
         "*CLOAD",

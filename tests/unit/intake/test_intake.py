@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
+import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -358,3 +360,73 @@ def test_workbooks_as_an_office_has_them(tmp_path: Path) -> None:
     assert found.columns["q_Achse_2"][0] == pytest.approx(np.radians(Q[0, 1]), abs=1e-5)
     assert found.columns["Temperatur_C"][2] == 24.0
     assert found.columns["pose"][1] == "Punkt_1"
+
+
+def spelt(folder: Path, heads: Sequence[str], places: str = "name,X [mm],Y [mm],Z [mm]") -> list[Path]:
+    """A log in degrees whose joints are called so, and an export with the places of the same points."""
+    rows = [[name, *row] for name, row in zip(NAMES, np.round(DEGREES, 6).tolist(), strict=True)]
+    measured = [[name, *row] for name, row in zip(NAMES, XYZ.tolist(), strict=True)]
+    for file, table in (("log.csv", [["point", *heads], *rows]), ("export.csv", [places.split(","), *measured])):
+        (folder / file).write_text("\n".join(",".join(map(str, row)) for row in table) + "\n")
+    return [folder / "log.csv", folder / "export.csv"]
+
+
+DEGREES = np.random.default_rng(3).uniform(-150.0, 150.0, (len(NAMES), 6))
+
+
+@pytest.mark.parametrize(
+    ("heads", "first"),
+    [("S L U R B T", "S"), ("S-axis L-axis U-axis R-axis B-axis T-axis", "S"),
+     (" ".join(f"robax.rax_{i}" for i in range(1, 7)), "rax_1"), (" ".join(f"jHere.j{i}" for i in range(1, 7)), "j1"),
+     (" ".join(f"panda_joint{i}" for i in range(1, 7)), "panda_joint1"), ("JT1 JT2 JT3 JT4 JT5 JT6", "JT1"),
+     (" ".join(f"posj[{i}]" for i in range(6)), "0"), ("th1 th2 th3 th4 th5 th6", "th1"),
+     ("Base Shoulder Elbow Wrist_1 Wrist_2 Wrist_3", "shoulder_pan_joint"), ("joint_a1 joint_a2 joint_a3 joint_a4 "
+     "joint_a5 joint_a6", "joint_a1")],
+)  # fmt: skip
+def test_joints_are_called_as_controllers_call_them(tmp_path: Path, heads: str, first: str) -> None:
+    found = intake(spelt(tmp_path, heads.split()), 5e-5)
+    joints = [name for name in found.columns if name.startswith("q_")]
+    assert joints[0] == f"q_{first}"
+    assert np.allclose(np.array([found.columns[name] for name in joints]).T, np.radians(DEGREES), atol=1e-6)
+
+
+def test_torques_and_temperatures_of_joints_are_no_positions(tmp_path: Path) -> None:
+    heads = ["panda_joint1", "panda_joint2", "tau_joint1", "temp_joint2", "target.j1", "motor_current_joint2"]
+    found = intake(spelt(tmp_path, heads), 5e-5)
+    assert [name for name in found.columns if name.startswith("q_")] == ["q_panda_joint1", "q_panda_joint2"]
+    assert np.allclose(found.columns["temp_joint2"], DEGREES[:, 3], atol=1e-6)
+
+
+def test_counts_without_a_unit_are_no_degrees(tmp_path: Path) -> None:
+    paths = spelt(tmp_path, [f"J{i}" for i in range(1, 7)])
+    ticks = np.round(2048.0 + DEGREES / 360.0 * 4096.0)
+    rows = [",".join([name, *map(str, row)]) for name, row in zip(NAMES, ticks.tolist(), strict=True)]
+    paths[0].write_text("\n".join(["point,J1,J2,J3,J4,J5,J6", *rows]) + "\n")
+    with pytest.raises(InputError, match="the unit of column 'J1' is stated nowhere"):
+        intake(paths, 5e-5)
+
+
+@pytest.mark.parametrize(
+    "head", ["Point,Easting [mm],Northing [mm],Elevation [mm]", "Punkt,Rechtswert [mm],Hochwert [mm],Höhe [mm]"]
+)
+def test_east_north_and_up_are_x_y_and_z(tmp_path: Path, head: str) -> None:
+    found = intake(spelt(tmp_path, [f"J{i}" for i in range(1, 7)], head), 5e-5)
+    assert np.allclose(np.array([found.columns[axis] for axis in "xyz"]).T, 1e-3 * XYZ, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("head", "cells"),
+    [(r"\theta_i,d_i [mm],a_{i-1} [mm],\alpha_{i-1}", ("90°", "-45°")), ("θᵢ,dᵢ [mm],aᵢ₋₁ [mm],αᵢ₋₁", ("½π", "−¼π")),
+     ("theta [deg],d [mm],a_{i-1} [mm],alpha_{i-1}", ("90°", "-pi/4")),
+     ("theta,d [mm],a_(i-1) [mm],alpha_(i-1)", ("pi/2", "-45 deg"))],
+)  # fmt: skip
+def test_cells_of_a_dh_table_say_their_unit(tmp_path: Path, head: str, cells: tuple[str, str]) -> None:
+    """A degree sign beside a pi is that of its cell alone."""
+    rows = [f"{cells[0] if i == 0 else 0},{100 * i},50,{cells[1] if i == 1 else 0}" for i in range(6)]
+    (tmp_path / "dh.csv").write_text("\n".join([head, *rows]) + "\n")
+    found = intake([*spelt(tmp_path, [f"J{i}" for i in range(1, 7)]), tmp_path / "dh.csv"], 5e-5)
+    joints = tomllib.loads(found.arm or "")["robot"]
+    assert joints["dh"] == "modified"
+    assert joints["joint"]["J1"]["theta_deg"] == pytest.approx(90.0)
+    assert joints["joint"]["J2"]["alpha_deg"] == pytest.approx(-45.0)
+    assert joints["joint"]["J3"]["d_mm"] == pytest.approx(200.0)

@@ -74,6 +74,42 @@ def test_states_that_nobody_explains_are_asked_about(
         fits(intake(files, 5e-5, {header: meant}))
 
 
+def beside(folder: Path, joints: np.ndarray, places: np.ndarray) -> Path:
+    """A file of poses without a clock, with the place that was read at each."""
+    head = [*(f"J{k + 1} [rad]" for k in range(joints.shape[1])), *(f"{axis} [m]" for axis in "xyz")]
+    rows = [",".join(map(repr, row)) for row in np.column_stack([joints, places]).tolist()]
+    (folder / "poses.csv").write_text("\n".join([",".join(head), *rows]) + "\n")
+    return folder / "poses.csv"
+
+
+def test_a_place_that_is_held_while_joints_move_is_no_reading_without_a_clock(tmp_path: Path) -> None:
+    """A lost beam leaves the last value in the table; a pose that is driven to again is read there again."""
+    joints = POSES.copy()
+    joints[6] = joints[5]
+    places = tip(joints)
+    for i in (2, 3, 8):
+        places[i] = places[i - 1]
+    found = intake([beside(tmp_path, joints, places)], 5e-5)
+    assert [i for i in range(9) if found.columns["x"][i] == ""] == [2, 3, 8]
+    assert [found.columns["x"][i] for i in (0, 1, 4, 5, 6, 7)] == pytest.approx(tip(joints)[[0, 1, 4, 5, 6, 7], 0])
+    assert any("3 of 9 rows" in note and "before, though joints moved, as in line 4" in note for note in found.notes)
+
+
+def test_few_places_that_are_touched_again_and_again_are_readings(tmp_path: Path) -> None:
+    places = np.repeat(tip(POSES)[:3], 3, axis=0)
+    found = intake([beside(tmp_path, POSES, places)], 5e-5)
+    assert np.allclose(np.array([found.columns[axis] for axis in "xyz"], dtype=float).T, places)
+
+
+def test_a_clock_whose_unit_is_stated_nowhere_is_asked_for_by_its_column(tmp_path: Path) -> None:
+    rows = [f"{100 * t:.0f},{','.join(f'{at:.6f}' for at in q)}" for t, q in zip(T, Q, strict=True)]
+    (tmp_path / "log.csv").write_text("\n".join(["t,J1 [rad],J2 [rad],J3 [rad]", *rows]) + "\n")
+    with pytest.raises(InputError, match="'t' counts seconds, or hundredths of one: --take 't=time_s' or 't=time_cs'"):
+        intake([tmp_path / "log.csv"], None)
+    stands = intake([tmp_path / "log.csv"], None, {"t": "time_cs"})
+    assert np.allclose(np.column_stack([stands.columns[f"q_J{k}"] for k in (1, 2, 3)]), POSES, atol=1e-5)
+
+
 def test_a_place_that_is_held_is_no_reading(tmp_path: Path) -> None:
     """An instrument repeats its last place where it reads none; one without noise does not hold it."""
     places = MM.copy()
