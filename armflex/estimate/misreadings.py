@@ -42,7 +42,7 @@ USUAL_PRIOR = Prior(joint_offset=2e-3, compliance=0.3, tool=0.01, geometry=1e-3)
 """Priors: what is usually open of an arm where nobody says."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Misreading:
     """A convention that the campaign or the arm file may have been written in.
 
@@ -59,6 +59,7 @@ class Misreading:
         whole: Whether it is named only where it explains most of what is left: it has numbers that readings gave.
         volume: Logarithm of the factor by which it stretches what is read, the mean over its numbers: numbers that
             shrink fit anything, and are no likelier for that.
+        where: (M,) in which of the rows looked at it holds; None for all.
         of_rows: Whether some rows are rewritten as they are among all: it is not about the order of the rows.
     """
 
@@ -73,6 +74,7 @@ class Misreading:
     of_rows: bool = True
     whole: bool = False
     volume: float = 0.0
+    where: np.ndarray | None = None
 
 
 def misreadings(arm: Arm, measurements: Measurements, suspects: Sequence[str | None] = ()) -> Iterator[Misreading]:

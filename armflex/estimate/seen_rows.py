@@ -45,6 +45,7 @@ class SeenRows:
         at: (M, 3) where the target was seen [m].
         rows: (M,) numbers of the rows in the campaign.
         bent: (M, 3) how far the tip is from that of the rigid arm in the campaign as written, base axes [m].
+        tip: (M, 4, 4) its poses as written, so bent [m].
     """
 
     arm: Arm
@@ -52,10 +53,12 @@ class SeenRows:
     at: Array
     rows: np.ndarray
     bent: Array
+    tip: Array
 
     def some(self, rows: np.ndarray) -> SeenRows:
         """Return (m,) of the rows."""
-        return SeenRows(self.arm, self.q[rows], self.at[rows], self.rows[rows], self.bent[rows])
+        arrays = (self.q, self.at, self.rows, self.bent, self.tip)
+        return SeenRows(self.arm, *(array[rows] for array in arrays))
 
     def tips(self, q: Array, arm: Arm | None = None) -> Array:
         """Return the (..., 4, 4) poses of the tip [m], bent as it is, at (..., nq) positions [rad or m]."""
@@ -122,24 +125,21 @@ class SeenRows:
             weights = np.minimum(1.0, 2.0 * middle_length(length)[:, None] / np.maximum(length, RESOLUTION))
         return left, shifts[:, : through - unknown], turn
 
-    def nearer(self, here: Array, there: Array, at: Array) -> np.ndarray:
-        """Return (H, M) which points are nearer to their places in each convention, the instrument placed by the rest.
+    def nearer(self, there: Array, at: Array) -> np.ndarray:
+        """Return (M,) which points are nearer to their places in another convention, the instrument placed by the rest.
 
         Args:
-            here: (M, 4, 4) poses of the tip as written [m].
-            there: (H, M, 4, 4) in each convention.
-            at: (H, M, 3) where the target was seen then [m].
+            there: (M, 4, 4) poses of the tip in it [m].
+            at: (M, 3) where the target was seen then [m].
         """
         fixed, unknown = self.arm.instrument or Instrument(), self.arm.measurement.frame != "base"
-        here, there = (tips[..., :3, 3] + tips[..., :3, :3] @ fixed.target for tips in (here, there))
-        so = np.zeros(there.shape[:-1], dtype=bool)
+        here, there = (tips[:, :3, 3] + tips[:, :3, :3] @ fixed.target for tips in (self.tip, there))
+        so = np.zeros(len(there), dtype=bool)
         turn, shift = fixed.pose.rotation, fixed.pose.translation
         for _ in range(FEW):
             if unknown:
-                place = so[..., None]
-                turn, shift, _ = rigid_fit(np.where(place, there, here), np.where(place, at, self.at))
-            backwards, last, shifted = turn.swapaxes(-1, -2), so, shift[..., None, :]
-            off = [((b - a @ backwards - shifted) ** 2).sum(axis=-1) for a, b in ((there, at), (here, self.at))]
+                turn, shift, _ = rigid_fit(np.where(so[:, None], there, here), np.where(so[:, None], at, self.at))
+            last, off = so, [((b - a @ turn.T - shift) ** 2).sum(axis=1) for a, b in ((there, at), (here, self.at))]
             so = 4.0 * off[0] < off[1]
             if np.array_equal(so, last):
                 break
