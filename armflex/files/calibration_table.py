@@ -400,7 +400,7 @@ def certainty_table(certainty: Certainty) -> dict[str, Any]:
         table["unexplained"] = every if len(every) > 1 else every[0]
     table["parameters"] = list(certainty.labels)
     if certainty.directions is not None:
-        table["undetermined"] = [_rounded(row) for row in certainty.directions]
+        table["undetermined"] = certainty.directions.tolist()
     return table | {"covariance": certainty.covariance}
 
 
@@ -411,15 +411,11 @@ def with_covariance(table: dict[str, Any], path: Path) -> dict[str, Any]:
     """
     covariance = table["covariance"]
     if len(covariance) <= MOST_ROWS:
-        return table | {"covariance": [_rounded(row[: i + 1]) for i, row in enumerate(covariance)]}
+        return table | {"covariance": [row[: i + 1].tolist() for i, row in enumerate(covariance)]}
     beside = path.with_suffix(".covariance.safetensors")
     written = write_arrays(beside, LAYOUT, {"covariance": covariance}, {"parameters": table["parameters"]})
     others = {key: value for key, value in table.items() if key != "covariance"}
     return others | {"covariance_file": beside.name, "covariance_sha256": written}
-
-
-def _rounded(values: Array) -> list[float]:
-    return [float(f"{x:.10e}") for x in values.tolist()]
 
 
 def read_certainty(table: Declaration, arm: Arm) -> Certainty | None:
