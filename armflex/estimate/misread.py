@@ -29,7 +29,7 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.conventions import STANDARD_GRAVITY, Array, in_mm, said_of
-from armflex.errors import FEW, ArmflexError, ClosureError, ConventionError, Flag
+from armflex.errors import FEW, ArmflexError, ClosureError, ConventionError, Flag, UnsupportedError
 from armflex.estimate.block import parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
 from armflex.estimate.estimated import estimated
@@ -248,7 +248,9 @@ class Case:
             payload = tuple(b if there else a for a, b, there in names)
             readings = replace(old.readings, kinds=tuple(kinds))
             after = replace(after, q=np.where(place, after.q, old.q), payload=payload, readings=readings)
-        return replace(self, arm=hypothesis.arm or self.arm, rows=after)
+        # Loops are followed from where they were last: what one hypothesis asks would lead the next to another branch.
+        arm = hypothesis.arm or (replace(self.arm) if self.arm.robot.linkage else self.arm)
+        return replace(self, arm=arm, rows=after)
 
     def rests_as(self, other: Case) -> bool:
         """Return whether the arm rests in its rows as that of another case does."""
@@ -256,10 +258,11 @@ class Case:
         same = all(getattr(self.arm, name) is getattr(other.arm, name) for name in parts)
         return same and np.array_equal(self.rows.q, other.rows.q) and self.rows.payload == other.rows.payload
 
-    def sees_otherwise(self, other: Case) -> bool:
-        """Return whether joints, points or the arm are others than in another case, not only what weighs them."""
-        same = np.array_equal(self.rows.q, other.rows.q) and np.array_equal(self.rows.position, other.rows.position)
-        return not same or self.arm is not other.arm
+    def sees_otherwise(self, hypothesis: Misreading) -> bool:
+        """Return whether joints, points or the arm are others in a hypothesis, not only what weighs them."""
+        meant = self.meant(hypothesis).rows
+        same = np.array_equal(self.rows.q, meant.q) and np.array_equal(self.rows.position, meant.position)
+        return not same or hypothesis.arm is not None
 
     def place(self, row: int) -> str:
         """Return where a row is, for people."""
@@ -371,8 +374,12 @@ def check_conventions(
     if case is None:
         return ()
     fitted = None
-    with suppress(ArmflexError):
+    try:
         fitted = misfit(case, rounds=ROUNDS, doubted=True)  # nor is an arm accused that one step does not fit
+    except UnsupportedError:  # no campaign of this arm is judged
+        raise
+    except ArmflexError:
+        pass
     if fitted is not None and fitted.plausible and not in_other_units(case.every.q, arm).any():
         return ()
     named = _named(case, fitted, searched)
@@ -516,7 +523,7 @@ def _candidates(case: Case, fitted: Misfit | None) -> Iterator[Misreading]:
                 declared = {hypothesis.name for hypothesis in points}  # their remedies say more
                 yield from (found for found in estimated(largest, case.every) if found.name not in declared)
             yield from () if fitted is None else _apart(case, fitted)
-            otherwise = [case.meant(hypothesis).sees_otherwise(case) for hypothesis in points]
+            otherwise = [case.sees_otherwise(hypothesis) for hypothesis in points]
             yield from _nearest(list(compress(points, otherwise)), seen, case, fitted)
             others += [hypothesis for hypothesis, moves in zip(points, otherwise, strict=True) if not moves]
         else:
@@ -570,11 +577,9 @@ def _nearest(moving: Sequence[Misreading], seen: SeenRows, case: Case, fitted: M
     for hypothesis in moving:
         meant = case.meant(hypothesis)
         with suppress(ClosureError):
-            there, at, unknown = (
-                seen.tips(meant.rows.q, meant.arm),
-                meant.rows.position,
-                meant.arm.measurement.frame != "base",
-            )
+            driven_so = hypothesis.arm is None and meant.rows.q is case.rows.q
+            there, at = seen.tip if driven_so else seen.tips(meant.rows.q, meant.arm), meant.rows.position
+            unknown = meant.arm.measurement.frame != "base"
             ways.append((hypothesis, there[thin], at[thin], unknown))
             for rows in (*of_session, seen.nearer(there, at)) if hypothesis.some else ():
                 if 0 < rows.sum() < len(rows):
