@@ -592,10 +592,10 @@ def _nearest(moving: Sequence[Misreading], seen: SeenRows, case: Case, fitted: M
     for unknown in {way[3] for way in ways}:
         alike = [number for number, way in enumerate(ways) if way[3] == unknown]
         tips, points = (np.array([ways[number][part] for number in alike]) for part in (1, 2))
-        prices[alike] += LOOKS / 3.0 * few.cost(next(few.placed_tips(tips, points, unknown=unknown)))
+        prices[alike] += LOOKS / 3.0 * few.cost(few.placed_tips(tips, points, unknown=unknown).left[:, 0])
     order = np.argsort(prices, kind="stable").tolist()
     # What a placed arm shows as well is told apart by what else was read: mirrored frames, say, by orientations.
-    before = LOOKS / 3.0 * float(few.cost(few.placed(few.q).left))
+    before = LOOKS / 3.0 * float(few.cost(few.placed(few.q[None]).left))
     limit = min(prices[order[min(FEW, len(order)) - 1]] + EVEN, before)
     yield from (ways[number][0] for number in order if prices[number] <= limit)
 
