@@ -417,8 +417,15 @@ class _Problem:
     def _damped(self, damping: float) -> LinearGaussian:
         if not damping and not self.turning.any():
             return self.known
-        damped = damping * np.diag(self.known.information) + self.bend if damping else 0.0
-        return self.known.with_precision(damped + self.turning)
+        if damping not in self._factored:  # once for a step and for how it bends
+            damped = damping * np.diag(self.known.information) + self.bend if damping else 0.0
+            self._factored.clear()
+            self._factored[damping] = self.known.with_precision(damped + self.turning)
+        return self._factored[damping]
+
+    @cached_property
+    def _factored(self) -> dict[float, LinearGaussian]:
+        return {}
 
     def promised(self, step: Array) -> float:
         """Return the fall of the cost that the linear problem promises of a step."""

@@ -26,8 +26,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_solve
-from scipy.linalg.lapack import dpotrf, dpotri
+from scipy.linalg.lapack import dpotrf, dtrtri, dtrtrs
 
 from armflex.conventions import RESOLUTION, Array
 from armflex.errors import ConvergenceError
@@ -66,17 +65,17 @@ class MixedModel:
         """Return the model with (C,) variances of the components by the noise's."""
         return Components(self, np.asarray(ratios, dtype=float))
 
-    def fitted(self, start: Array | None = None, steps: int = THOROUGH.iterations) -> Components:
+    def fitted(self, start: Components | None = None, steps: int = THOROUGH.iterations) -> Components:
         """Return the model with the variances that maximise the likelihood; what gains nothing is zero.
 
         Args:
-            start: (C,) variances to begin with; zero ones stay zero. When not given they are the `usual` ones.
+            start: Variances to begin with; zero ones stay zero. When not given they are the `usual` ones.
             steps: At most.
 
         Raises:
             ConvergenceError: The columns are not finite.
         """
-        here, damping = self.at(self.usual if start is None else start), 1e-3
+        here, damping = self.at(self.usual) if start is None else start, 1e-3
         farthest = np.log(100.0)  # a size changes by ten times in one step at most
         for _ in range(steps):
             here = here.without_idle()
@@ -126,33 +125,38 @@ class Components:
         return np.flatnonzero(self.spread)
 
     @cached_property
-    def _factor(self) -> Array:
-        """(k, k) Cholesky factor of Q."""
+    def _root(self) -> Array:
+        """(k, k) Cholesky factor L of Q."""
         at = self.columns
         whole = self.model.gram[np.ix_(at, at)] * (self.spread[at] * self.spread[at, None])
         whole[np.diag_indices(len(at))] += 1.0
         if not len(at):
             return whole
-        factor, failed = dpotrf(whole, lower=1, clean=0, overwrite_a=1)
+        root, failed = dpotrf(whole.T, lower=1, overwrite_a=1)
         if failed:
             raise ConvergenceError("the columns of families are not finite", ())
-        return factor
+        return root
 
-    def _solve(self, right: Array) -> Array:
-        """Return Q^-1 times (k,) or (k, m)."""
-        return cho_solve((self._factor, True), right, check_finite=False) if len(right) else right
+    @cached_property
+    def _inverse(self) -> Array:
+        """(k, k) L^-1."""
+        return dtrtri(self._root, lower=1)[0] if len(self.columns) else self._root
+
+    @cached_property
+    def _pull(self) -> Array:
+        """(k,) L^-1 D^1/2 g."""
+        score = self.spread[self.columns] * self.model.score[self.columns]
+        return dtrtrs(self._root, score, lower=1)[0] if len(score) else score
 
     @cached_property
     def scaled(self) -> Array:
         """(k,) z, amplitudes by their standard deviations before anything was read."""
-        return self._solve(self.spread[self.columns] * self.model.score[self.columns])
+        return dtrtrs(self._root, self._pull, lower=1, trans=1)[0] if len(self._pull) else self._pull
 
     @cached_property
     def left(self) -> float:
         """J, the readings' square beside what the columns explain."""
-        at = self.columns
-        explained = float((self.spread[at] * self.model.score[at]) @ self.scaled)
-        return max(self.model.objective - explained, 1e-12 * self.model.objective)
+        return max(self.model.objective - float(self._pull @ self._pull), 1e-12 * self.model.objective)
 
     @property
     def noise(self) -> float:
@@ -160,10 +164,17 @@ class Components:
         return float(np.sqrt(self.left / self.model.freedom))
 
     @cached_property
+    def volume(self) -> float:
+        """log|Q|."""
+        return 2.0 * float(np.log(np.diag(self._root)).sum())
+
+    @cached_property
     def log_likelihood(self) -> float:
         """Logarithm of the restricted likelihood at the noise that fits best, but for a constant."""
-        volume = 2.0 * float(np.log(np.diag(self._factor)).sum())
-        return -0.5 * volume - 0.5 * self.model.freedom * float(np.log(self.left / self.model.freedom))
+        return self._likelihood(self.volume, self.left)
+
+    def _likelihood(self, volume: float, left: float) -> float:
+        return -0.5 * volume - 0.5 * self.model.freedom * float(np.log(left / self.model.freedom))
 
     @cached_property
     def _shares(self) -> Array:
@@ -174,7 +185,7 @@ class Components:
     @cached_property
     def slope(self) -> Array:
         """(C,) change of the log likelihood per logarithm of a ratio."""
-        inverse = np.diag(dpotri(self._factor, lower=1)[0]) if len(self.columns) else np.zeros(0)
+        inverse = np.einsum("ik,ik->k", self._inverse, self._inverse)
         return self._shares @ (0.5 * self.scaled**2 / self.noise**2 - 0.5 * (1.0 - inverse))
 
     @cached_property
@@ -184,14 +195,24 @@ class Components:
         The noise is free as well: its part is eliminated.
         """
         at, variance = self.columns, self.noise**2
+        wide = np.zeros((len(self.spread), len(self.ratios)))
         inner = (self.spread[at] * self.scaled)[:, None] * self._shares.T  # (k, C): K_c P y = X times these
-        product = self.model.gram[np.ix_(at, at)] @ inner
-        inside = inner.T @ product - product.T @ (self.spread[at, None] * self._solve(self.spread[at, None] * product))
+        wide[at] = inner
+        product = (self.model.gram @ wide)[at]
+        taken = self._inverse @ (self.spread[at, None] * product)
+        inside = inner.T @ product - taken.T @ taken
         # P y times what noise would be: its cross products with the others are those with the residual.
         by_noise = inner.T @ (self.scaled / self.spread[at])
         shares = 0.5 * inside / variance
         cross = 0.5 * by_noise / variance
         return shares - np.outer(cross, cross) / (0.5 * self.model.freedom)
+
+    @property
+    def promised(self) -> float:
+        """Rise of the log likelihood that Newton's next step promises."""
+        free = self.ratios > 0.0
+        slope, curvature = self.slope[free], self.average_information[np.ix_(free, free)]
+        return 0.5 * float(slope @ np.linalg.lstsq(curvature, slope)[0])
 
     def without_idle(self) -> Components:
         """Return the same without components on whose way to zero nothing is lost, one after the other.
@@ -212,8 +233,20 @@ class Components:
         return self.model.at(ratios)
 
     def lost_without(self, *gone: int) -> float:
-        """Return the nats that are lost where some components are left out, and the others keep their sizes."""
-        return self.log_likelihood - self.without(*gone).log_likelihood
+        """Return the nats that are lost where some components are left out, and the others keep their sizes.
+
+        Where they leave with their columns, L^-1 has what is left: |Q| is divided by |I|, and J grows by z' I^-1 z,
+        with I the part of Q^-1 of those columns and z their amplitudes.
+        """
+        fewer = self.without(*gone)
+        before, after = self.spread[self.columns], fewer.spread[self.columns]
+        leaving = np.flatnonzero(after == 0.0)
+        if not np.array_equal(np.delete(before, leaving), np.delete(after, leaving)):
+            return self.log_likelihood - fewer.log_likelihood
+        axes, values = self._inverse[:, leaving], self.scaled[leaving]
+        inside = axes.T @ axes
+        left = self.left + float(values @ np.linalg.solve(inside, values))
+        return self.log_likelihood - self._likelihood(self.volume + float(np.linalg.slogdet(inside)[1]), left)
 
     @cached_property
     def amplitudes(self) -> Array:

@@ -212,16 +212,20 @@ class View:
 
     def jacobian(self, law: EffectLaw, location: Location, inner: Values, context: Context) -> Array:
         """Return (M, d, k) changes of the readings per unit of an effect's acting amplitudes, exact where zero."""
-        return self.per(law, location) @ law.features(location, inner, self, context).transpose(0, 2, 1)
+        direction = law.direction(context.here(location, self.arm), inner)
+        if direction is not None:  # one number a row, times one answer of the readings
+            shapes = law.shapes(location, inner, self, context)[list(location.terms)]
+            return (self.to_twist(location.site) @ direction)[:, :, None] * shapes.T[:, None, :]
+        return _products(self.per(law, location), law.features(location, inner, self, context))
 
     def effect_jacobian(self, effect: Effect, context: Context) -> Array:
         """Return (M, d, k) changes of the readings per unit of an effect's acting amplitudes at its values."""
         law, location = effect.law, effect.location
-        per = self.per(law, location)
         if law.act is Act.FRAME:
-            per = per @ twist_per_value(np.array(effect.amplitudes))
-        each = effect.each(self, context)
-        return per @ (each[0] if len(each) == 1 else np.mean(each, axis=0)).transpose(0, 2, 1)
+            per = self.per(law, location) @ twist_per_value(np.array(effect.amplitudes))
+            return _products(per, np.mean(effect.each(self, context), axis=0))
+        each = [self.jacobian(law, location, effect.inner, clock) for clock in effect.clocks(context)]
+        return each[0] if len(each) == 1 else np.mean(each, axis=0)
 
     def wandered(self) -> Array:
         """Return (K, M, d) changes of the readings by what wandered in a campaign, from its mean [m, rad].
@@ -381,6 +385,14 @@ class View:
     @cached_property
     def _to_load(self) -> dict[str, Array]:
         return {}
+
+
+def _products(per: Array, features: Array) -> Array:
+    """Return (M, d, k) changes of the readings by (M, k, n) features, in half the time of small products of rows."""
+    columns = np.empty((*per.shape[:2], features.shape[1]))
+    for i in range(features.shape[1]):
+        np.einsum("rdn,rn->rd", per, features[:, i], out=columns[:, :, i])
+    return columns
 
 
 def look(

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.intake.meanings import BY_SIZE, TIME_UNITS, UNTIL, Meaning
+from armflex.intake.meanings import BY_SIZE, EITHER, TIME_UNITS, UNTIL, Meaning
 from armflex.intake.sources import SourceTable, numbers
 from armflex.intake.streams import DENSE, SLOWEST, is_sampled, spread
 
@@ -97,6 +97,9 @@ def doubt(source: SourceTable, meant: Sequence[Meaning]) -> str:
     clock, time = next((one for one in meant if (one.kind, one.name) == ("time", "time")), None), times(source, meant)
     if clock is None or time is None or not (read := np.isfinite(time)).any():
         return ""
+    if clock.why == EITHER:
+        text = f"is {EITHER}: --take '{clock.column}=time_s' or '{clock.column}=temperature'"
+        return f"{source.path}: {clock.column!r} {text}"
     if clock.unit is None:
         text = f"counts seconds, or hundredths of one: --take '{clock.column}=time_s' or '{clock.column}=time_cs'"
         return f"{source.path}: {clock.column!r} {text}"

@@ -36,14 +36,17 @@ from armflex.intake.meanings import (
     ANGLE_UNITS,
     ANGLES,
     COUNTS,
+    OUTER,
     ROUNDED,
     SETS,
     SINCE_1970,
+    STEPS,
     TIME_UNITS,
     VECTOR,
     Ask,
     Meaning,
     meanings,
+    polar,
 )
 from armflex.intake.names import is_resorted, paired_names
 from armflex.intake.picture_files import camera
@@ -236,8 +239,9 @@ def intake(
             understood[i], about = _settled(sources[i], understood[i], ask, slides)
             wrong += about
         elif not source.part:
-            named = listing(source.header)
-            wrong.append(f"{source.path}: neither joints nor x y z among its columns ({named}): --take COLUMN=q_J1_deg")
+            wrong.append(_no_place(source, joints=False))
+    if not points and not pictures and len(logs) == len(sources) == 1:
+        wrong += filter(None, [_no_place(sources[0], joints=True)])
     if not wrong and (len(logs) != 1 or len(pictures) > 1 or (not points and not pictures and len(sources) > 1)):
         text = f"{len(logs)} files have joints and {len(points)} have x y z"
         text += f", {len(pictures)} are pictures" if pictures else ""
@@ -789,11 +793,12 @@ def _settled(
     source: SourceTable, meant: Sequence[Meaning], ask: Ask | None, slides: Sequence[str]
 ) -> tuple[tuple[Meaning, ...], list[str]]:
     """Return what columns are with every open unit settled, and what is wrong with them."""
-    settled, wrong, answers = [], list[str](), dict[tuple[str, bool], str]()
+    settled, wrong, answers = [], list[str](), dict[tuple[str, tuple[str, ...]], str]()
     for one in meant:
         if one.kind in ("joint", "coordinate", "turn") and one.unit is None:
             length = one.kind == "coordinate" or (one.kind == "joint" and one.name in slides)
-            choices, kind = ("mm", "m", "inch") if length else ("deg", "rad"), (one.kind, length)
+            choices = ("mm", "m", "inch") if length else ("mm", "deg") if one.why == OUTER else ("deg", "rad")
+            kind = (one.kind, choices)
             if ask is not None and kind not in answers:
                 answers[kind] = ask(f"{source.path.name}: in which unit is {one.column!r}, and all like it?", choices)
             if kind in answers:
@@ -846,6 +851,18 @@ def _settled(
     return tuple(settled), wrong
 
 
+def _no_place(source: SourceTable, joints: bool) -> str:
+    """Return what is wrong with a file that has no places, nor `joints`; nothing where those are enough."""
+    if columns := polar(source.header):
+        named = ", ".join(f"{name} = {column!r}" for name, column in zip(("Hz", "V", "D"), columns, strict=True))
+        text = "has angles and a distance and no x y z: have coordinates exported, or compute columns"
+        text += " x = D sin V sin Hz, y = D sin V cos Hz, z = D cos V"
+        return f"{source.path}: {text} ({named}; V from the zenith, Hz clockwise, as a total station counts)"
+    named = listing(source.header)
+    text = f"{source.path}: neither joints nor x y z among its columns ({named}): --take COLUMN=q_J1_deg"
+    return "" if joints else text
+
+
 def _unknown_unit(source: SourceTable, meaning: Meaning) -> str:
     """Return what is wrong with the unit that a header states, nothing where it is known."""
     units = {"joint": ANGLE_UNITS | LENGTHS, "coordinate": LENGTHS, "turn": ANGLE_UNITS, "time": TIME_UNITS}
@@ -855,6 +872,9 @@ def _unknown_unit(source: SourceTable, meaning: Meaning) -> str:
     if not meaning.unit or not known or meaning.unit in known or clock:
         return ""
     base = f"q_{meaning.name}" if meaning.kind == "joint" else meaning.name
+    if meaning.kind == "joint" and STEPS.fullmatch(meaning.unit):
+        text = f"column {meaning.column!r} is in {meaning.unit}, and how many are a turn, and which is 0, is in no file"
+        return f"{source.path}: {text}: convert it to degrees, as the drive's manual says"
     text = f"column {meaning.column!r} is in {meaning.unit!r}, which is not known ({listing(known, 6)})"
     return f"{source.path}: {text}: convert it, or --take '{meaning.column}={base}_UNIT'"
 

@@ -48,7 +48,8 @@ PLACED_WORD = r"(?:act(?:ual)?|ist|pos(?:ition)?|angle|winkel)"
 JOINTS: tuple[tuple[str, str], ...] = (
     (r"q_(?P<name>.*\S)", "rad"),
     (r"(?:actual|target)_q_(?P<ur>[0-5])", "rad"),
-    (r"\$?(?:axis_act(?:_meas)?|aipos)[._ ]?(?P<short>[ae][1-6])", "deg"),
+    (r"\$?(?:axis_act(?:_meas)?|aipos)[._ ]?(?P<short>a[1-6])", "deg"),
+    (r"\$?(?:axis_act(?:_meas)?|aipos)[._ ]?(?P<outer>e[1-6])", ""),
     (r"(?:/?joint_states?[./])?position(?:[._](?P<name>.*\S)|\[(?P<listed>[^\[\]]+)\])", "rad"),
     (r"(?:.*/)?joint_states?/(?P<name>.+)/position", "rad"),
     (r"axispos_(?:act|cmd)_?(?P<kuka>[1-6])", ""),
@@ -63,7 +64,8 @@ JOINTS: tuple[tuple[str, str], ...] = (
 )
 """Patterns of a joint's column, and the unit that their controller writes; '' where people write either.
 
-`name` and `listed` are the joint's as a robot's file may have it, `short` as a controller numbers it.
+`name` and `listed` are the joint's as a robot's file may have it, `short` as a controller numbers it, `outer` one
+beside the arm's own: a rail or a table, in mm or degrees as its builder chose.
 """
 
 PLACED = rf"(?:{PLACED_WORD}[ _])?"
@@ -86,6 +88,10 @@ TIMES = (
     r"(?:_*time(?:[ _]?stamp)?|(?:_*time[ _]?)?stamp|elapsed(?:[ _]?time)?|zeit(?:stempel)?|uhrzeit"
     r"|date(?: ?time)?|datum|heure|t)"
 )
+OUTER = "an external axis"
+EITHER = "a time or a temperature"
+"""What a column `T` may be that is the only clock."""
+
 TIME_UNITS = {
     **UNITS["time"],
     **dict.fromkeys(("minute", "minutes"), 60.0),
@@ -101,6 +107,8 @@ ANGLE_UNITS = {
     **UNITS["angle"],
     **dict.fromkeys(("radian", "radians"), 1.0),
     **dict.fromkeys(("degree", "degrees"), np.pi / 180.0),
+    **dict.fromkeys(("ddeg", "decideg", "decidegrees"), np.pi / 1.8e3),
+    **dict.fromkeys(("cdeg", "centideg", "centidegrees"), np.pi / 1.8e4),
     **dict.fromkeys(("mdeg", "millideg", "millidegrees"), np.pi / 1.8e5),
     **dict.fromkeys(("arcmin", "arcminutes"), np.pi / 10800.0),
     **dict.fromkeys(("arcsec", "arcseconds"), np.pi / 648000.0),
@@ -111,6 +119,16 @@ ANGLE_UNITS = {
 
 STEPS = re.compile(r"counts?|cts|ticks?|puls(?:es?)?|pls|incr?|increments?", re.IGNORECASE)
 """What encoders count: how many are a turn is stated nowhere."""
+
+POLAR = (
+    re.compile(r"hz(?:[ _.-]?(?:angle|winkel|kreis))?|hor(?:izontal|iz)?\.?[ _.-]?(?:angle|winkel|circle|direction)|ha"
+               r"|horizontal\w*|az(?:i|imuth(?:al)?)?(?:[ _.-]?angle)?", re.IGNORECASE),
+    re.compile(r"v|vz|va|v[ _.-]?(?:angle|winkel|kreis)|(?:ver(?:tical|t)?|zenith?)\.?(?:[ _.-]?(?:angle|winkel|circle"
+               r"|distance))?|vertikal\w*|za|el(?:ev(?:ation)?)?(?:[ _.-]?angle)?", re.IGNORECASE),
+    re.compile(r"d|sd|s|r|(?:slope|slant|schr[äa]g)[ _.-]?(?:dist(?:an[cz]e?)?\.?|strecke|range)|dist(?:an[cz]e?)?"
+               r"|schrägstrecke|strecke|range|radius", re.IGNORECASE),
+)  # fmt: skip
+"""Headers of what total stations and trackers read themselves: two angles and a distance."""
 
 OTHERS = {
     *(unit for kind in ("force", "moment", "acceleration", "frequency") for unit in UNITS[kind]),
@@ -216,6 +234,9 @@ def meanings(
     if any((meaning.kind, meaning.name) == ("time", "time") and meaning.column not in parts for meaning in meant):
         meant = [replace(meaning, kind="unused", why="another is the time") if meaning.column in parts else meaning
                  for meaning in meant]  # fmt: skip
+    if sum((meaning.kind, meaning.name) == ("time", "time") for meaning in meant) > 1:
+        meant = [replace(meaning, kind="covariate", name=_plain(meaning.column), unit="", why="another is the time")
+                 if meaning.why == EITHER else meaning for meaning in meant]  # fmt: skip
     asked = {(meaning.kind, meaning.name) for meaning in meant if meaning.column in taken}
     meant = [
         replace(meaning, kind="unused", why="another is, as asked")
@@ -260,22 +281,34 @@ def meanings(
         twin = [other for other in meant if (other.kind, other.name) == ("joint", one.name) and other is not one]
         if one.kind == "joint" and COMMANDED.search(one.column) and any(not COMMANDED.search(o.column) for o in twin):
             meant[i] = replace(one, kind="unused", unit="", why="commanded, and the position is there as well")
+    for i, one in enumerate(meant):
+        if one.why == OUTER and one.unit is None and one.name in joints:
+            meant[i] = replace(one, unit="mm" if one.name in slides else "deg", why="as this controller writes it")
+        elif one.why == OUTER and (numbers(source.columns[i]) == 0.0).all():
+            meant[i] = replace(one, kind="unused", unit="", why="0 in every row: no axis is there")
     # One joint beyond a turn shows the unit of all.
     sizes = [
         float(np.nanmax(np.abs(values)))
         for meaning, cells in zip(meant, source.columns, strict=True)
-        if meaning.kind == "joint" and meaning.unit is None and meaning.name not in slides
+        if meaning.kind == "joint" and meaning.unit is None and meaning.name not in slides and meaning.why != OUTER
         if np.isfinite(values := numbers(cells)).any()
     ]
     if sizes and TURN < max(sizes) <= np.degrees(TURN):  # beyond a turn in degrees it is neither
         why = f"a value of {max(sizes):.4g} is no angle in rad"
         meant = [
             replace(meaning, unit="deg", why=why)
-            if meaning.kind == "joint" and meaning.unit is None and meaning.name not in slides
+            if meaning.kind == "joint" and meaning.unit is None and meaning.name not in slides and meaning.why != OUTER
             else meaning
             for meaning in meant
         ]
     return tuple(meant)
+
+
+def polar(header: Sequence[str]) -> tuple[str, ...]:
+    """Return which columns are two angles and a distance, as an instrument reads them; none where one is missing."""
+    bare = {name: _with_unit(name.strip())[0].strip() for name in header}
+    matches = [next((name for name, text in bare.items() if form.fullmatch(text)), "") for form in POLAR]
+    return tuple(matches) if all(matches) and len(set(matches)) == len(POLAR) else ()
 
 
 def _of_set(header: Sequence[str]) -> dict[str, tuple[str, tuple[str, ...]]]:
@@ -334,14 +367,16 @@ def _meaning(text: str, header: str, cells: Cells, comment: str | None, asked: b
             parts = match.groupdict()
             if parts.get("ur"):
                 name = UR[int(parts["ur"])]
-            elif short := parts.get("short"):
+            elif short := parts.get("short") or parts.get("outer"):
                 name = re.sub(r"[ .]", "_", short)
             else:
                 name = f"A{parts['kuka']}" if parts.get("kuka") else str(parts.get("name") or parts.get("listed"))
             name = next((joint for joint in joints if joint.lower() == name.lower()), name)
             if unit is None and STEPS.fullmatch(name.rpartition("_")[2]) and "_" in name:
                 name, _, unit = name.rpartition("_")
-            reason = in_header if unit else "as this controller writes it" if usual else why
+            reason = (
+                in_header if unit else "as this controller writes it" if usual else OUTER if parts.get("outer") else why
+            )
             return Meaning(header, "joint", name, unit or usual or None, reason)
     if match := re.fullmatch(COORDINATE, word) if not other else None:
         return Meaning(header, "coordinate", match["axis"], unit or comment, in_header if unit else "a comment")
@@ -355,7 +390,9 @@ def _meaning(text: str, header: str, cells: Cells, comment: str | None, asked: b
         return Meaning(header, "turn", word, "", why)
     if re.fullmatch(NAMES, word):
         return Meaning(header, "name", "pose", "", why)
-    if re.fullmatch(TIMES, word):
+    if re.fullmatch(TIMES, word) and not other:
+        if text.strip() == "T" and not unit and not asked and np.isfinite(numbers(cells)).any():
+            return Meaning(header, "time", "time", None, EITHER)
         largest = np.nanmax(values) if np.isfinite(values := numbers(cells)).any() else 0.0
         stamp = next((name for name, size in STAMPS.items() if SINCE_1970 < size * largest < UNTIL), "")
         return Meaning(header, "time", "time", unit or stamp, in_header if unit else BY_SIZE if stamp else why)

@@ -29,6 +29,12 @@ AXIS = re.compile(r"(?:.*[ ._\-])?([xyz])", re.IGNORECASE)
 MEASURED = re.compile(r"(?:.*\W)?(?:meas|act|ist|(?:ge)?mess|mesur|value|wert)\w*.*", re.IGNORECASE)
 """Header of the column with what was measured, where a line has one coordinate: beside nominal and deviation."""
 
+NAMED = re.compile(r"(?:q_.+|[xyz]|(?:jt?|a|q|joint|axis|achse)[ _.]?\d)(?:[\W_].*)?", re.IGNORECASE)
+"""A cell of a header, and of no title: a coordinate or a joint."""
+
+PROGRAM = re.compile(r".*[{}\[\]=;].*")
+"""A cell of a program or of nested data, `{A1 10.5`, `movej([0.1`, `"q":[1`: its numbers are not those of a table."""
+
 UNIT = re.compile(r"[\[(][^\])]{0,8}[\])]")
 """A cell below a name that is a unit, whatever it is of."""
 
@@ -130,8 +136,15 @@ def read_table_source(path: Path) -> SourceTable:
         )  # a row of numbers with a text is none
     heads = [rows[i][1] for i in reversed(above)]
     if mark and not heads:
-        said = [_parted([text], mark)[0] for text in comments]
-        heads = [cells for cells in reversed(said) if len(cells) == width and not any(map(_number, cells))]
+        in_comments = [_parted([text], mark)[0] for text in comments]
+        heads = [cells for cells in reversed(in_comments) if len(cells) == width and not any(map(_number, cells))]
+    for line, cells in [] if heads else rows[:first]:
+        if sum(bool(NAMED.fullmatch(cell)) for cell in cells) > 1:
+            raise TableError(Place(path, line), f"has {len(cells)} names of columns where most rows have {width} cells")
+    line, cells = rows[first]
+    if not heads and (odd := next((cell for cell in cells if not _number(cell) and PROGRAM.fullmatch(cell)), None)):
+        text = f"is no row of a table, with {said(odd)}: log the joints, or write a table with a header and a row each"
+        raise TableError(Place(path, line), text)
     head, used = heads[0] if heads else None, heads[:1]
     if len(heads) > 1 and head and _are_units(head):  # below the names
         units, used = (cell.strip("[]()- ") for cell in head), heads[:2]

@@ -191,18 +191,23 @@ def held(places: Array, time: Array, spans: Array) -> np.ndarray:
 
 
 def repeated(places: Array, joints: Array) -> np.ndarray:
-    """Return (N,) which readings are the last place again, to the last digit, though the joints moved in between.
+    """Return (N,) which readings are the last place again, to the last digit, though joints moved since it was read.
 
-    An instrument that holds its last value where its beam is lost writes such rows. None are where most rows are such:
-    there the target is put into the same few places on purpose.
+    An instrument that holds its last value where its beam is lost writes such rows: from the first on, all until the
+    place changes, also those of a pose that is read twice. None are where most rows are such: there the target is put
+    into the same few places on purpose.
 
     Args:
         places: (N, 3), in the order in which they were read.
         joints: (N, n) positions [rad or m] of the same rows.
     """
-    same = (np.diff(places, axis=0, prepend=np.nan) == 0.0).all(axis=1)
-    same &= (np.abs(np.diff(joints, axis=0, prepend=np.nan)) > STILL["rad"]).any(axis=1)
-    return same & (2 * np.count_nonzero(same) < len(same))
+    there = np.flatnonzero(np.isfinite(places).all(axis=1))
+    same = (np.diff(places[there], axis=0, prepend=np.nan) == 0.0).all(axis=1)
+    moved = same & (np.abs(np.diff(joints[there], axis=0, prepend=np.nan)) > STILL["rad"]).any(axis=1)
+    moves, run = np.cumsum(moved), np.cumsum(~same) - 1
+    gone = np.zeros(len(places), dtype=bool)
+    gone[there] = same & (moves > moves[~same][run]) if len(there) else False
+    return gone & (2 * np.count_nonzero(gone) < len(gone))
 
 
 def dwells(time: Array, values: Array, unit: str) -> Array:

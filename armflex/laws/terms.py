@@ -189,7 +189,7 @@ class Factor:
         """Return its (...,) value for (...,) numbers of the column."""
         if self.kind is Of.TABLE:
             low, step, closed, *values = self.numbers
-            return _through(np.array(values), (x - low) / step, bool(closed))
+            return through(np.array(values), (x - low) / step, bool(closed))
         return FUNCTIONS[self.kind](x, *(*self.numbers, 0.0, 0.0, 0.0, 0.0)[:4])
 
     def in_c(self, knots: list[float]) -> tuple[float, float, float, float]:
@@ -222,20 +222,21 @@ class Factor:
         return [(1.0, replace(self, numbers=shifted))]
 
 
-def _through(values: Array, x: Array, closes: bool) -> Array:
-    """Return a curve through values at 0, 1, ...; see `Of.TABLE`."""
-    n, last = len(values), len(values) - (1 if closes else 2)
+def through(values: Array, x: Array, closes: bool = False) -> Array:
+    """Return (..., M) curves through (..., K) values at 0, 1, ... at (M,) places; see `Of.TABLE`."""
+    n, last = values.shape[-1], values.shape[-1] - (1 if closes else 2)
     x = x % n if closes else np.clip(x, 0.0, n - 1.0)
     k = np.minimum(np.nan_to_num(x).astype(int), last)
     if closes:
-        through = values[np.arange(-1, n + 2) % n]
+        knots = values[..., np.arange(-1, n + 2) % n]
     else:
         # Of two knots the parabola is a line.
         ends = [
-            3.0 * (side[0] - side[1]) + side[2] if n > 2 else 2.0 * side[0] - side[1] for side in (values, values[::-1])
+            3.0 * (side[..., :1] - side[..., 1:2]) + side[..., 2:3] if n > 2 else 2.0 * side[..., :1] - side[..., 1:2]
+            for side in (values, values[..., ::-1])
         ]
-        through = np.concatenate([ends[:1], values, ends[1:]])
-    before, left, right, after = (through[k + i] for i in range(4))
+        knots = np.concatenate([ends[0], values, ends[1]], axis=-1)
+    before, left, right, after = (knots[..., k + i] for i in range(4))
     t = x - k
     square, cube = 2.0 * before - 5.0 * left + 4.0 * right - after, 3.0 * (left - right) + after - before
     return left + 0.5 * t * (right - before + t * (square + t * cube))

@@ -265,7 +265,7 @@ class Kinds:
         score = self.columns.T @ projection.residual
         model = MixedModel(0.5 * (gram + gram.T), score, projection.objective, projection.freedom, self.variances)
         start = [near.ratios.get(one, usual) for one, usual in zip(self.components, model.usual, strict=True)]
-        return Sized(self, projection, model, model.fitted(np.array(start)))
+        return Sized(self, projection, model, model.fitted(model.at(np.array(start))))
 
     def _with_constants(self, projection: Projection) -> Projection:
         view = self.fit.view
@@ -346,8 +346,7 @@ class Sized:
     def without(self, name: str, sizes: Components) -> Components:
         """Return the sizes of the others without a family, in whose place they may step."""
         if (name, sizes) not in self._fewer:
-            fewer = sizes.without(*self.kinds.of(name))
-            self._fewer[name, sizes] = self.model.fitted(fewer.ratios, MOST_TRIED)
+            self._fewer[name, sizes] = self.model.fitted(sizes.without(*self.kinds.of(name)), MOST_TRIED)
         return self._fewer[name, sizes]
 
     @cached_property
@@ -362,13 +361,14 @@ class Sized:
             lost = {name: sizes.lost_without(*kinds.of(name)) for name in there}
             least = min(there, key=lost.__getitem__)
             fewer = sizes.without(*kinds.of(least))
-            if lost[least] > price:  # as long as the others may not take its place, of which they never take so much
-                likely = [name for name in there if lost[name] < 4.0 * WITHIN]
+            if lost[least] > price:  # as long as the others may not take its place: no step gains more than the first
+                beside = {name: sizes.without(*kinds.of(name)) for name in there if lost[name] < 4.0 * WITHIN}
+                likely = [name for name, rest in beside.items() if lost[name] < price + MOST_TRIED * rest.promised]
                 every = [self.without(name, sizes) for name in likely]
                 fewer = max(every, key=lambda one: one.log_likelihood, default=None)
                 if fewer is None or sizes.log_likelihood - fewer.log_likelihood > price:
                     break
-            sizes = self.model.fitted(fewer.ratios)
+            sizes = self.model.fitted(fewer)
         informed, amplitudes = sizes.spread**2 * np.diag(self.model.gram) > LEAST_INFORMED, sizes.amplitudes
         std = np.where(informed, sizes.spread, 0.0)
         effects, walks = list[tuple[str, EffectBlock, Array]](), list[tuple[str, Walk, Array]]()

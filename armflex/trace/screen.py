@@ -240,6 +240,9 @@ class Screen(Evidence):
             self._charges[key] = 0.0 if possible else IMPOSSIBLE
         return self._charges[key] + self._short.get(one.spot, 0.0)
 
+    def charge_beside(self, beside: Beside, number: int, scale: int) -> float:
+        return self.charge(number, beside.amplitudes_of(number, scale))
+
     def sized(self, number: int) -> Array | float:
         group = self.groups[number]
         if number not in self._sized:

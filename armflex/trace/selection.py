@@ -189,6 +189,10 @@ class Evidence(ABC):
         """Return what (k,) amplitudes of a hypothesis [the law's unit] count against it [nats]."""
         return 0.0
 
+    def charge_beside(self, beside: Beside, number: int, scale: int) -> float:
+        """Return the `charge` of a further hypothesis at its most probable amplitudes beside a model [nats]."""
+        return 0.0
+
     def sized(self, number: int) -> Array | float:
         """Return the (T,) log of how much likelier a scale of a hypothesis is than where all are equally likely."""
         return 0.0
@@ -450,7 +454,7 @@ def rivals(
             continue
         of_scales = odds[number] + evidence.sized(number)
         scale = int(of_scales.argmax())
-        charged = float(of_scales[scale]) - evidence.charge(number, beside.amplitudes_of(number, scale))
+        charged = float(of_scales[scale]) - evidence.charge_beside(beside, number, scale)
         (rough if coarse else exact).append(Rival(charged, Chosen(number, scale)))
         if charged > top:
             top, least = charged, beside.rough(charged, within)

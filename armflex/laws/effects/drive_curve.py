@@ -1,27 +1,24 @@
 """What no law has of a drive's error over its position: a smooth curve, f(q), about the joint's own axis or another.
 
 The curve is a sum of sines over the recorded range and some way beyond, at both ends of which it is zero: where nothing
-was measured it ends. Their amplitudes have a prior that falls with their number; see `armflex.trace.families`. At work
-it is a table (`Of.TABLE`), of each sine the same as of their sum: at `FINE` knots a half-wave of the finest, an error
-of a thousandth of that.
+was measured it ends. Their amplitudes have a prior that falls with their number; see `armflex.trace.families`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.context import AXES_TURN, Records
-from armflex.laws.effects.effect import Amplitude, Inner, Plausible, Search, TwistLaw, Values, Words
+from armflex.laws.effects.curves import FINE, curves
+from armflex.laws.effects.effect import Plausible, Values, Words
 from armflex.laws.effects.location import Here, Location, drive_axis
-from armflex.laws.effects.shapes import SECOND_ENCODER, of_column, own_column, twists
-from armflex.laws.terms import Factor, Term, Terms, table
+from armflex.laws.effects.shapes import SECOND_ENCODER
 
-MOST_SINES, FINE = 256, 8
-"""Tolerance: sines that a curve has at most, and knots of its table for each half-wave of the finest."""
+MOST_SINES = 256
+"""Tolerance: sines that a curve has at most."""
 
 
 def _places(records: Records) -> list[Location]:
@@ -48,38 +45,14 @@ def _knots(acting: tuple[int, ...]) -> Array:
     return np.sin((np.array(acting)[:, None] + 1.0) * places)
 
 
-def _table(here: Here, inner: Values, values: Array) -> Factor:
-    low, high = inner
-    return table(own_column(here), low, (high - low) / (len(values) - 1), values.tolist())
-
-
-def _terms(here: Here, inner: Values) -> list[list[Term]]:
-    acting, each = here.location.terms, [list[Term]() for _ in range(MOST_SINES)]
-    factors = [_table(here, inner, values) for values in _knots(acting)]
-    for i, term in zip(acting, twists(_way(here), *([factor] for factor in factors)), strict=True):
-        each[i] = term
-    return each
-
-
-def _joined(here: Here, amplitudes: Sequence[float], inner: Values) -> Terms:
-    acting = here.location.terms
-    values = np.array([amplitudes[i] for i in acting]) @ _knots(acting)
-    return [Term(_way(here), factors=(_table(here, inner, values),))]
-
-
-DRIVE_CURVE = TwistLaw(
+DRIVE_CURVE = curves(
+    _way,
+    _knots,
+    MOST_SINES,
+    ("low", "high", "as recorded"),
     name="drive_curve",
     words=Words("curve of a drive", "the joint errs by a smooth curve over its position", "f(q)"),
     plausible=Plausible(0.001, 0.003, "gears are made to some arcmin"),
     places=_places,
-    amplitudes=tuple(Amplitude(f"s{i + 1}", "{m}") for i in range(MOST_SINES)),
-    terms=_terms,
-    joined=_joined,
     instead=SECOND_ENCODER,
-    direction=_way,
-    inner=(
-        Inner("low", "as recorded", of_column(lambda x: (float(x.min()),)), positive=False, polished=False),
-        Inner("high", "as recorded", of_column(lambda x: (float(x.max()),)), positive=False, polished=False),
-    ),
-    search=Search.NOWHERE,
 )

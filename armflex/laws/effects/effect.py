@@ -419,10 +419,13 @@ class Effect:
         stays = self.moments or self.law.afterwards is Afterwards.STAYS
         return tuple(seen_range for seen_range in self.seen if not (stays and seen_range[0] == TIME))
 
+    def clocks(self, context: Context) -> list[Context]:
+        """Return the context on the clock that it is on, at each of its `moments`."""
+        return [context.at_time(moment) for moment in self.moments] or [context.later(self.later)]
+
     def each(self, view: Solved, context: Context) -> list[Array]:
         """Return (M, k, n) what its law does in some rows per acting amplitude, at each of its `moments`."""
-        clocks = [context.at_time(moment) for moment in self.moments] or [context.later(self.later)]
-        return [self.law.features(self.location, self.inner, view, clock) for clock in clocks]
+        return [self.law.features(self.location, self.inner, view, clock) for clock in self.clocks(context)]
 
     @property
     def amplitudes(self) -> Values:

@@ -8,22 +8,20 @@ is its last value.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.laws.effects.context import Records
-from armflex.laws.effects.effect import Afterwards, Amplitude, Inner, Plausible, Search, TwistLaw, Values, Words
-from armflex.laws.effects.location import BASE, Here, Location, drive_axis
-from armflex.laws.effects.shapes import ON_THE_FLOOR, of_column, twists
-from armflex.laws.terms import Factor, Term, Terms, table
+from armflex.laws.effects.curves import FINE, curves
+from armflex.laws.effects.effect import Afterwards, Plausible, Words
+from armflex.laws.effects.location import BASE, Location, drive_axis
+from armflex.laws.effects.shapes import ON_THE_FLOOR
 from armflex.rows.rows import TIME
 
-WALK_TERMS, FINE = 32, 8
-"""Tolerance: terms of a walk, finer ones are noise; knots of its table for each half-wave of the finest."""
+WALK_TERMS = 32
+"""Tolerance: terms of a walk, finer ones are noise."""
 
 RATES = np.pi * (np.arange(1, WALK_TERMS + 1) - 0.5)
 """Radians of every term over the campaign."""
@@ -35,37 +33,8 @@ def walk_terms(share: Array) -> Array:
 
 
 @lru_cache(8)
-def _knots() -> Array:
-    return walk_terms(np.linspace(0.0, 1.0, FINE * WALK_TERMS + 1)).T
-
-
-def _table(inner: Values, values: Array) -> Factor:
-    start, end = inner
-    return table(TIME, start, (end - start) / (len(values) - 1), values.tolist())
-
-
-def _walk(name: str, direction: Callable[[Here, Values], Array], **more: Any) -> TwistLaw:
-    """Return the law of a walk along a direction."""
-
-    def terms(here: Here, inner: Values) -> list[list[Term]]:
-        return twists(direction(here, inner), *([_table(inner, values)] for values in _knots()))
-
-    def joined(here: Here, amplitudes: Sequence[float], inner: Values) -> Terms:
-        return [Term(direction(here, inner), factors=(_table(inner, np.array(amplitudes) @ _knots()),))]
-
-    return TwistLaw(
-        name=name,
-        amplitudes=tuple(Amplitude(f"s{i + 1}", "{m}") for i in range(WALK_TERMS)),
-        inner=(
-            Inner("start", "s", of_column(lambda x: (float(x.min()),)), positive=False, polished=False),
-            Inner("end", "s", of_column(lambda x: (float(x.max()),)), positive=False, polished=False),
-        ),
-        direction=direction,
-        terms=terms,
-        joined=joined,
-        search=Search.NOWHERE,
-        **more,
-    )
+def _knots(terms: tuple[int, ...]) -> Array:
+    return walk_terms(np.linspace(0.0, 1.0, FINE * WALK_TERMS + 1)).T[list(terms)]
 
 
 def walk_at(site: str, axis: str) -> Location:
@@ -81,9 +50,12 @@ def _at_drives(records: Records) -> list[Location]:
     return [walk_at(joint.name, drive_axis(joint)) for joint in records.robot.moving if records.timed]
 
 
-BASE_WANDERING = _walk(
-    "base_wandering",
+BASE_WANDERING = curves(
     lambda here, inner: here.direction,
+    _knots,
+    WALK_TERMS,
+    ("start", "end", "s"),
+    name="base_wandering",
     words=Words("wandering of the base", "the foundation or the instrument wanders in time", "f(t)"),
     plausible=Plausible(0.003, 0.003, "a machine that wanders further is bolted down again"),
     places=_at_base,
@@ -91,9 +63,12 @@ BASE_WANDERING = _walk(
     afterwards=Afterwards.WANDERS,
 )
 
-DRIVE_WANDERING = _walk(
-    "drive_wandering",
+DRIVE_WANDERING = curves(
     lambda here, inner: here.drive,
+    _knots,
+    WALK_TERMS,
+    ("start", "end", "s"),
+    name="drive_wandering",
     words=Words("wandering of a drive", "the joint's zero wanders in time", "f(t)"),
     plausible=Plausible(0.005, 0.01, "a tooth of a belt"),
     places=_at_drives,

@@ -430,3 +430,60 @@ def test_cells_of_a_dh_table_say_their_unit(tmp_path: Path, head: str, cells: tu
     assert joints["joint"]["J1"]["theta_deg"] == pytest.approx(90.0)
     assert joints["joint"]["J2"]["alpha_deg"] == pytest.approx(-45.0)
     assert joints["joint"]["J3"]["d_mm"] == pytest.approx(200.0)
+
+
+def test_an_external_axis_is_asked_whether_it_slides(tmp_path: Path) -> None:
+    """KUKA's E1 to E6 are in mm or degrees as the builder chose; those that are not there are logged as 0."""
+    heads = [*(f"$AXIS_ACT.A{i}" for i in range(1, 7)), "$AXIS_ACT.E1", "$AXIS_ACT.E2"]
+    paths = spelt(tmp_path, heads[:6])
+    rows = [[name, *row, 250.0 * i, 0.0] for i, (name, row) in enumerate(zip(NAMES, DEGREES.tolist(), strict=True))]
+    paths[0].write_text("\n".join(",".join(map(str, row)) for row in [["point", *heads], *rows]) + "\n")
+    with pytest.raises(InputError, match=r"'\$AXIS_ACT.E1' is stated nowhere: --take '.*=q_E1_mm' or =q_E1_deg"):
+        intake(paths, 5e-5)
+    found = intake(paths, 5e-5, {"$AXIS_ACT.E1": "q_E1_mm"})
+    assert found.columns["q_E1"][3] == pytest.approx(0.75)
+    assert "q_E2" not in found.columns
+    assert found.columns["q_A1"][3] == pytest.approx(np.radians(DEGREES[3, 0]))
+
+
+@pytest.mark.parametrize("head", ["Point,Hz,V,D", "Point,Hz [gon],V [gon],Slope distance [m]", "Point,HA,VA,SD"])
+def test_angles_and_a_distance_are_refused_with_what_they_are(tmp_path: Path, head: str) -> None:
+    paths = spelt(tmp_path, [f"J{i}" for i in range(1, 7)], head)
+    with pytest.raises(InputError, match=r"x = D sin V sin Hz, y = D sin V cos Hz, z = D cos V \(Hz = 'H"):
+        intake(paths, 5e-5)
+    both = [",".join([*a.split(","), *b.split(",")[1:]]) for a, b in
+            zip(*(path.read_text().splitlines() for path in paths), strict=True)]  # fmt: skip
+    paths[0].write_text("\n".join(both) + "\n")
+    with pytest.raises(InputError, match="has angles and a distance and no x y z"):
+        intake(paths[:1], None)
+
+
+def test_pulses_are_of_a_drive_that_no_file_describes(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"'J1 \[pulses\]' is in pulses, and how many are a turn, and which"):
+        intake(spelt(tmp_path, ["J1 [pulses]", *"abcde"]), 5e-5)
+
+
+def test_a_column_t_is_asked_whether_it_is_a_temperature(tmp_path: Path) -> None:
+    paths = spelt(tmp_path, ["J1", "J2", "T", "J3", "J4", "J5"])
+    with pytest.raises(InputError, match="'T' is a time or a temperature: --take 'T=time_s' or 'T=temperature'"):
+        intake(paths, 5e-5)
+    found = intake(paths, 5e-5, {"T": "temperature"})
+    assert np.allclose(found.columns["temperature"], DEGREES[:, 2], atol=1e-6)
+    assert "time" not in found.columns
+    for head in ("T [°C]", "T (K)"):
+        assert "time" not in intake(spelt(tmp_path, ["J1", "J2", head, "J3", "J4", "J5"]), 5e-5).columns
+
+
+def test_a_header_of_another_width_is_none(tmp_path: Path) -> None:
+    """Columns without a header are taken by their places, which a header says otherwise."""
+    with pytest.raises(InputError, match=r"log\.csv:1: has 3 names of columns where most rows have 7 cells"):
+        intake(spelt(tmp_path, ["J1", "J2"]), 5e-5)
+
+
+@pytest.mark.parametrize("row", ['{{"t":0,"q":[{}]}}', "- joints: [{}]", "PTP {{A1 {}}}", "movej([{}], a=1.4)"])
+def test_numbers_of_a_program_are_no_table(tmp_path: Path, row: str) -> None:
+    numbers = [",".join(map(str, row)) for row in DEGREES.tolist()]
+    (tmp_path / "program.txt").write_text("\n".join(row.format(text) for text in numbers) + "\n")
+    paths = spelt(tmp_path, [f"J{i}" for i in range(1, 7)])
+    with pytest.raises(InputError, match=r"program\.txt:1: is no row of a table, with .*: log the joints"):
+        intake([tmp_path / "program.txt", paths[1]], 5e-5)

@@ -95,6 +95,16 @@ def test_a_place_that_is_held_while_joints_move_is_no_reading_without_a_clock(tm
     assert any("3 of 9 rows" in note and "before, though joints moved, as in line 4" in note for note in found.notes)
 
 
+def test_a_place_that_is_held_stays_none_at_a_pose_that_is_read_twice(tmp_path: Path) -> None:
+    joints = POSES.copy()
+    joints[3], joints[7] = joints[2], joints[6]
+    places = tip(joints)
+    places[2] = places[3] = places[5] = places[1]
+    places[4] = np.nan
+    found = intake([beside(tmp_path, joints, places)], 5e-5)
+    assert [i for i in range(9) if found.columns["x"][i] == ""] == [2, 3, 4, 5]
+
+
 def test_few_places_that_are_touched_again_and_again_are_readings(tmp_path: Path) -> None:
     places = np.repeat(tip(POSES)[:3], 3, axis=0)
     found = intake([beside(tmp_path, POSES, places)], 5e-5)
