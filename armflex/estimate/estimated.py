@@ -349,12 +349,12 @@ def _rails(seen: SeenRows, every: Measurements) -> Iterator[Misreading]:
     """Yield that the arm rides on a rail whose place is in a column of numbers, or on two or three of them."""
     numbers = {name: values for name, values in every.covariates.items() if not isinstance(values, tuple)}
     before = seen.placed(seen.q[None])
-    base = float(seen.cost(before.left))
+    base = float(seen.cost(before.left[0, 0]))
     looked = list[tuple[float, str]]()
     for name, values in numbers.items():
         column = values[seen.rows][:, None]
         if np.ptp(column) > RESOLUTION * max(1.0, float(np.abs(column).max())):
-            looked.append((float(seen.cost(seen.placed(seen.q[None], column - column.mean()).left)), name))
+            looked.append((float(seen.cost(seen.placed(seen.q[None], column - column.mean()).left[0, 0])), name))
     looked = [pair for pair in sorted(looked) if pair[0] < base - 0.1][:FEW]
     chosen: list[str] = []
     placed, cost = before, base
@@ -363,7 +363,7 @@ def _rails(seen: SeenRows, every: Measurements) -> Iterator[Misreading]:
             [numbers[column][seen.rows] - numbers[column][seen.rows].mean() for column in (*chosen, name)]
         )
         other = seen.placed(seen.q[None], columns)
-        if (nearer := float(seen.cost(other.left))) < cost - 0.3:
+        if (nearer := float(seen.cost(other.left[0, 0]))) < cost - 0.3:
             chosen, placed, cost = [*chosen, name], other, nearer
     if not chosen:
         return

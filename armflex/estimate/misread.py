@@ -595,7 +595,7 @@ def _nearest(moving: Sequence[Misreading], seen: SeenRows, case: Case, fitted: M
         prices[alike] += LOOKS / 3.0 * few.cost(few.placed_tips(tips, points, unknown=unknown).left[:, 0])
     order = np.argsort(prices, kind="stable").tolist()
     # What a placed arm shows as well is told apart by what else was read: mirrored frames, say, by orientations.
-    before = LOOKS / 3.0 * float(few.cost(few.placed(few.q[None]).left))
+    before = LOOKS / 3.0 * float(few.cost(few.placed(few.q[None]).left[0, 0]))
     limit = min(prices[order[min(FEW, len(order)) - 1]] + EVEN, before)
     yield from (ways[number][0] for number in order if prices[number] <= limit)
 
