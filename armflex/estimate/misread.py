@@ -521,7 +521,8 @@ def _candidates(case: Case, fitted: Misfit | None) -> Iterator[Misreading]:
         if seen is not None:
             if len((largest := _of_one_session(seen, case)).q) >= 3 * FEW and not case.arm.robot.linkage:
                 declared = {hypothesis.name for hypothesis in points}  # their remedies say more
-                yield from (found for found in estimated(largest, case.every) if found.name not in declared)
+                numbered = estimated(largest, case.every)
+                yield from (hypothesis for hypothesis in numbered if hypothesis.name not in declared)
             yield from () if fitted is None else _apart(case, fitted)
             otherwise = [case.sees_otherwise(hypothesis) for hypothesis in points]
             yield from _nearest(list(compress(points, otherwise)), seen, case, fitted)
