@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,20 +11,6 @@ from armflex.conventions import said_of
 
 Progress = Callable[[int, int], None]
 """Called with how many pieces of work are done, and of how many."""
-
-
-interludes: list[str] = []
-"""What has to be waited for before the work goes on, in words: it is said instead of the work."""
-
-
-@contextmanager
-def interlude(text: str) -> Iterator[None]:
-    """Say meanwhile what is waited for."""
-    interludes.append(text)
-    try:
-        yield
-    finally:
-        interludes.remove(text)
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,6 @@ from rich.text import Text
 from armflex.conventions import number as number
 from armflex.conventions import printable
 from armflex.errors import Flag
-from armflex.progress import interludes
 
 ENDLESS = 100_000
 """Columns that no table has."""
@@ -200,7 +199,7 @@ def showing_stages(title: str = "") -> Iterator[None]:
 
     def keep_saying() -> None:
         while not over.wait(REDRAWN):
-            text = str(interludes[-1] if interludes else _now["doing"])
+            text = str(_now["doing"])
             if text and live:
                 with _alone():
                     click.echo(printable(_timed(text))[: stream(stderr=True).width - 1], err=True, nl=False)
