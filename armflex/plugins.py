@@ -1,7 +1,7 @@
 """Effects, joint laws, readings and exporters by name: those of armflex, and those of installed distributions.
 
-A distribution adds one by an entry point of a group: `armflex.effects`, `armflex.laws`, `armflex.readings` or
-`armflex.exporters`. Nothing of it is imported before somebody asks for a name of the group.
+A distribution adds one by an entry point of a group, see `GROUPS`. Nothing of it is imported before somebody asks for
+its name.
 """
 
 from __future__ import annotations
@@ -12,11 +12,16 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
+from traceback import walk_tb
 from typing import Any, TypeVar
 
 from armflex.errors import PluginError
 
 T = TypeVar("T")
+
+GROUPS = ("armflex.effects", "armflex.laws", "armflex.readings", "armflex.exporters")
+
+UNKNOWN = "{!r} is not known, and no plug-in that is installed has it"
 
 HERE = "armflex"
 """The distribution that everything else of a registry is of."""
@@ -52,24 +57,7 @@ class Registry(MutableMapping[str, T]):
             fault: (name, object) -> what the object should have been, '' where it is right.
         """
         self.group, self._bundled, self._fault = group, dict(bundled), fault
-
-    @cached_property
-    def _objects(self) -> dict[str, T]:
-        objects, owners = dict(self._bundled), dict.fromkeys(self._bundled, HERE)
-        for point in self._points:
-            owner = _owner(point).name
-            if point.name in owners:
-                text = f"{self.group}: both {owners[point.name]} and {owner} have {point.name!r}: uninstall one of them"
-                raise PluginError(text)
-            try:
-                loaded = point.load()
-            except Exception as error:
-                text = f"{self.group}: {point.value!r} of {owner} cannot be imported: {type(error).__name__}: {error}"
-                raise PluginError(text) from error
-            if expected := self._fault(point.name, loaded):
-                raise PluginError(f"{self.group}: {point.value!r} of {owner} is called {point.name!r}: {expected}")
-            objects[point.name], owners[point.name] = loaded, owner
-        return objects
+        self._objects = dict[str, T]()
 
     def __getitem__(self, name: str) -> T:
         """Return what is called so.
@@ -78,7 +66,27 @@ class Registry(MutableMapping[str, T]):
             KeyError: Nothing is.
             PluginError: A distribution's object cannot be imported, is of another kind, or has a name that is taken.
         """
+        if name not in self._objects:
+            self._objects[name] = self._load(name)
         return self._objects[name]
+
+    def _load(self, name: str) -> T:
+        """Return what is called so where nobody asked for it before: a fault of another name is no fault of this."""
+        points = [point for point in self._points if point.name == name]
+        owners = [*([HERE] if name in self._bundled else ()), *(_owner(point).name for point in points)]
+        if len(owners) > 1:
+            raise PluginError(f"{self.group}: both {owners[0]} and {owners[1]} have {name!r}: uninstall one of them")
+        if not points:
+            return self._bundled[name]
+        (point,), (owner,) = points, owners
+        try:
+            loaded = point.load()
+        except Exception as error:
+            text = f"{self.group}: {point.value!r} of {owner} cannot be imported: {type(error).__name__}: {error}"
+            raise PluginError(text) from error
+        if expected := self._fault(name, loaded):
+            raise PluginError(f"{self.group}: {point.value!r} of {owner} is called {name!r}: {expected}")
+        return loaded
 
     def __setitem__(self, name: str, value: T) -> None:
         self._objects[name] = value
@@ -87,10 +95,10 @@ class Registry(MutableMapping[str, T]):
         del self._objects[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._objects)
+        return iter(dict.fromkeys((*self.names(), *self._objects)))
 
     def __len__(self) -> int:
-        return len(self._objects)
+        return len(list(iter(self)))
 
     @contextmanager
     def entered(self, name: str, value: T) -> Iterator[None]:
@@ -126,6 +134,23 @@ def _owner(point: EntryPoint) -> Distribution:
     return Distribution(metadata.name, metadata.version)
 
 
+def blamed(error: Exception) -> str:
+    """Return where in a plug-in an error was raised, and of which distribution that is; '' where in none.
+
+    The innermost frame of a module counts that an entry point names, or of one in the same package.
+    """
+    owners = {
+        point.value.partition(":")[0].partition(".")[0]: _owner(point).name
+        for group in GROUPS
+        for point in entry_points(group=group)
+    }
+    for frame, line in reversed([*walk_tb(error.__traceback__)]):
+        package = str(frame.f_globals.get("__name__", "")).partition(".")[0]
+        if package != HERE and package in owners:
+            return f"{frame.f_code.co_filename}:{line}: {owners[package]} failed"
+    return ""
+
+
 def missing(name: str, wanted: str) -> str:
     """Return what is wrong with the installed version of a distribution, '' where it is as wanted.
 
@@ -142,11 +167,12 @@ def missing(name: str, wanted: str) -> str:
     try:
         installed = version(name)
     except PackageNotFoundError:
-        return f"needs {name} {wanted}, which is not installed: pip install '{name}{match[1] or '=='}{match[2]}'"
+        return f"needs {name} {wanted}, which is not installed: install it from where {name} is kept"
     numbers = VERSION.fullmatch(installed)
-    there = _numbers(numbers[2]) if numbers else ()
-    enough = there >= _numbers(match[2]) if match[1] else there == _numbers(match[2])
-    return "" if enough else f"needs {name} {wanted}, but {installed} is installed"
+    has = _numbers(numbers[2]) if numbers else ()
+    enough = has >= _numbers(match[2]) if match[1] else has == _numbers(match[2])
+    there = f"but {installed} is installed: install that from where {name} is kept"
+    return "" if enough else f"needs {name} {wanted}, {there}"
 
 
 def _numbers(text: str) -> tuple[int, ...]:

@@ -127,4 +127,6 @@ def _brief(value: Any) -> str:
         return f"{value:.4g}"
     if isinstance(value, list | dict) and (len(value) > 3 or any(isinstance(part, list | dict) for part in value)):
         return f"{len(value)} values"
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{name}: {_brief(part)}" for name, part in value.items()) + "}"
     return "[" + ", ".join(map(_brief, value)) + "]" if isinstance(value, list) else str(value)

@@ -26,7 +26,7 @@ from armflex.errors import MissingCovariateError
 from armflex.estimate.block import EffectBlock, amplitude_prior
 from armflex.estimate.calibrate import calibrate
 from armflex.estimate.view import View, look
-from armflex.export import Exported
+from armflex.export import Exported, exporter_fault
 from armflex.files.arm_file import load_arm
 from armflex.files.effect_file import effect_table, read_effect
 from armflex.files.sensor_table import read_sensors
@@ -86,6 +86,9 @@ def check_law(model: LawModel, joint: str = "J2") -> None:
     assert not beyond, f"its terms depend on the column {beyond[0]!r}: what depends on a recorded column is an effect"
     names = [parameter.name for parameter in law.parameters]
     assert len(names) == len(set(names)) == len(law.values), f"{names}: a name for every value, each once"
+    again = law.at(law.values * 1.01 + 1e-9)
+    _close(law.at(law.values).values, law.values, 1e-12, "values of `at` with its own")
+    _close(again.values, law.values * 1.01 + 1e-9, 1e-12, "values of `at` with others")
     rng = np.random.default_rng(2)
     rows = Row(_positions(heavy, 8, 1), heavy.joint_index)
     loads = SIZE * rng.uniform(-1.0, 1.0, (8, 6))
@@ -97,6 +100,9 @@ def check_law(model: LawModel, joint: str = "J2") -> None:
         _close(twist_of(law.known_terms, loads, rows), law.twist(loads, rows), 1e-9, "twist of the terms")
         _close(tangent_of(law.known_terms, loads, rows), law.tangent(loads, rows), 1e-9, "tangent of the terms")
     assert (np.einsum("ni,ni->n", loads, law.twist(loads, rows)) >= 0.0).all(), "a load that does negative work"
+    if softer := law.scaled(np.full(6, np.sqrt(SOFTER))):
+        more = np.einsum("ni,ni->n", loads, softer.twist(loads, rows) - law.twist(loads, rows))
+        assert more.min() >= 0.0 < more.max(), "scaled by a factor above 1 it gives more"
     arm = _with_law(heavy, joint, law)
     _check_deflections(arm, {})
     if softer := law.scaled(np.full(6, np.sqrt(SOFTER))):
@@ -125,6 +131,7 @@ def check_effect(law: EffectLaw, columns: Mapping[str, tuple[float, float]] | No
 
     Raises:
         AssertionError: One of these does not hold.
+        PluginError: Its terms are not a list for each amplitude.
     """
     assert law.words.title and law.words.meaning, "it has words for people"
     heavy, ranges = _heavy(), {"temperature": (15.0, 30.0), "hold": (10.0, 600.0), **(columns or {})}
@@ -249,6 +256,7 @@ def check_exporter(export: Callable[..., Exported], **options: Any) -> None:
     Raises:
         AssertionError: One of these does not hold.
     """
+    assert not (fault := exporter_fault(export)), fault
     arm = _heavy()
     exported = export(arm, **options)
     assert isinstance(exported, Exported) and exported.text, "it returns an Exported with a text"

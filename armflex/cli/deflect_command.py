@@ -49,7 +49,7 @@ def command(arm: Arm, q: Array, payload: str, **how: Any) -> None:
 def print_deflection(arm: Arm, deflection: Deflection, covariance: Array | None) -> None:
     """Print the loads, the local deflections and the tip's displacement with its (6, 6) covariance."""
     names = deflection.names
-    say(f"base {names.base}, tip {names.tip}, payload {deflection.payload.mass:g} kg, {deflection.method}", "")
+    say(f"base {names.base}, tip {names.tip}, payload {deflection.payload.mass:g} kg", "")
     joints = zip(arm.robot.moving, deflection.q, deflection.joint_loads, deflection.drive_shares, strict=True)
     print_table(
         "Load at every joint, on the structure, in its child frame",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import inspect
-import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,8 +14,8 @@ import click
 from armflex.arm import Arm
 from armflex.cli import options
 from armflex.cli.terminal import complain, doing, say, say_written, show_flags
-from armflex.errors import ArmflexError, InputError, PluginError, listing
-from armflex.export import Exported
+from armflex.errors import InputError, PluginError, listing
+from armflex.export import Exported, exporter_fault
 from armflex.export.programs import is_name
 from armflex.measured.forces import UNLOADED, Unnamed
 from armflex.plugins import Registry
@@ -57,11 +56,7 @@ _BUNDLED = {
 }
 
 
-def _fault(name: str, export: object) -> str:
-    return "" if callable(export) else "expected a function export(arm, **options) -> Exported"
-
-
-FORMATS: Registry[Any] = Registry("armflex.exporters", _BUNDLED, _fault)
+FORMATS: Registry[Any] = Registry("armflex.exporters", _BUNDLED, lambda name, export: exporter_fault(export))
 """What `--to` may be: a `Format`, or the function of a plug-in."""
 
 
@@ -80,8 +75,8 @@ def _exporter(target: str) -> tuple[Format, Callable[..., Exported]]:
 @options.as_in_campaign
 @click.option("--to", "target", type=options.Choice(FORMATS.names()), required=True,
               help="sheet: what is typed into a controller; yaml: calibrations for ROS; c: C99 without dependencies; "
-                   "shaper: C99 with the impulses that calm the path of --traj; the last six: a program with "
-                   "that path (ls: FANUC, val3: Staubli).")  # fmt: skip
+                   "shaper: C99 with the impulses that calm the path of --traj; urscript, krl, rapid, ls (FANUC), "
+                   "val3 (Staubli), jointtrajectory: a program with that path.")  # fmt: skip
 @click.option("-o", "--output", type=options.OutputPath(), help="File to write.")
 @click.option("--name", help="c, shaper: what every name in the file begins with [default: arm, shaper]; of a "
                              "program: its name [default: that of the file].")  # fmt: skip
@@ -122,15 +117,9 @@ def command(arm: Arm, unnamed: Unnamed, target: str, output: Path | None, **give
     doing("exporting")
     if "axes" in wanted.options and output is not None and is_name(output.stem):
         asked.setdefault("name", output.stem)  # controllers want a file to be named as its program
-    try:
-        exported = export(arm, **asked)
-    except Exception as error:
-        distribution = FORMATS.distribution(target)
-        if distribution is None or isinstance(error, ArmflexError):
-            raise
-        last = traceback.extract_tb(error.__traceback__)[-1]
-        text = f"{last.filename}:{last.lineno}: the exporter {target!r} of {distribution.name} failed"
-        raise PluginError(f"{text}: {type(error).__name__}: {error}") from error
+    exported = export(arm, **asked)
+    if not isinstance(exported, Exported):
+        raise PluginError(f"the exporter {target!r} gives a {type(exported).__name__}, expected an Exported")
     with together():
         if output is not None:
             write_whole(output, exported.text.encode())

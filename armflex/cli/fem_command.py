@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
+import numpy as np
 
 from armflex.cli import options
 from armflex.cli.terminal import doing, number, print_table, say
@@ -18,6 +19,9 @@ from armflex.fem.read import read_mesh
 from armflex.fem.study import random_loads, study
 from armflex.measured.table import write_table
 from armflex.storage.whole_file import together
+
+ROUNDING = 1e-10
+"""A coupling that is smaller, as a part of the compliances that it couples, is of the solution's rounding."""
 
 SOLVERS = {"calculix": "CalculiX, with large displacements", "linear": "a linear condensation"}
 """Solver of a table -> how people read it."""
@@ -118,6 +122,8 @@ def print_part(part: Part) -> None:
     """Print how a part gives, weighs and vibrates."""
     for place, name in enumerate(part.loaded):
         block = part.compliance[6 * place : 6 * place + 6, 6 * place : 6 * place + 6]
+        scale = np.sqrt(np.abs(np.outer(np.diag(block), np.diag(block))))
+        block = np.where(np.abs(block) > ROUNDING * scale, block, 0.0)
         print_table(
             f"Compliance at {name!r}, {part.fixed!r} held (m/N, rad/Nm and mixed)",
             ["", *(f"per {axis}" for axis in WRENCH_NAMES)],

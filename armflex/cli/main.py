@@ -128,6 +128,7 @@ def main() -> None:
 def _said_of(error: Exception) -> tuple[str | tuple[str, ...], int]:
     """Return what is said of an error, and the exit code; raise one that nobody foresaw."""
     from armflex.errors import ArmflexError, InputError
+    from armflex.plugins import blamed
 
     match error:
         case click.NoSuchOption(option_name=name) if name in GONE:
@@ -144,6 +145,8 @@ def _said_of(error: Exception) -> tuple[str | tuple[str, ...], int]:
             return f"{error.strerror or error}{f': {error.filename}' if error.filename else ''}", 2
         case ArmflexError():
             return getattr(error, "problems", str(error)), 2 if isinstance(error, InputError) else 1
+    if where := blamed(error):
+        return f"{where}: {type(error).__name__}: {error}", 2
     raise error
 
 

@@ -5,11 +5,15 @@ A format refuses by name what it cannot carry, or says in `Exported.notes` what 
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from armflex.errors import Flag
+from armflex.errors import Flag, did_you_mean, listing
+
+OPTIONS = ("over", "traj", "name", "axes", "flavour", "compensate", "slower", "covariates", "unnamed")
+"""Options of `armflex export` that an exporter of a plug-in may have as parameters."""
 
 
 @dataclass(frozen=True)
@@ -29,3 +33,17 @@ class Exported:
     numbers: Mapping[str, Any] = field(default_factory=dict)
     flags: tuple[Flag, ...] = ()
     page: str = ""
+
+
+def exporter_fault(export: object) -> str:
+    """Return what an exporter should have been, '' where it is a function of an arm and of some of `OPTIONS`."""
+    expected = "expected a function export(arm, OPTION, ..) -> Exported"
+    if not callable(export):
+        return expected
+    parameters = list(inspect.signature(export).parameters.values())
+    if not parameters or any(one.kind in (one.VAR_KEYWORD, one.VAR_POSITIONAL) for one in parameters):
+        return expected
+    for name in (parameter.name for parameter in parameters[1:]):
+        if name not in OPTIONS:
+            return f"{name!r} is no option of `armflex export`{did_you_mean(name, OPTIONS)} (known: {listing(OPTIONS)})"
+    return ""

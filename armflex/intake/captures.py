@@ -295,8 +295,13 @@ FORMATS = (
 
 NAMED_AXIS = re.compile(r"(.*?[^\s._:/-])[\s._:/-]*([xyz])(\s*[\[(].*[\])]|_[a-zµ]+)?", re.IGNORECASE)
 NO_PLACE = re.compile(
-    r".*(?:rot|orient|quat|angle|euler|vel|acc|speed|force|moment|torque|gyro|mag)\w*|[rq]", re.IGNORECASE
+    r".*(?:rot|orient|quat|angle|euler|vel|acc|speed|force|moment|torque|gyro|mag)\w*"
+    r"|(?:.*[\W_])?(?:[rqdsuv]|nom(?:inal|iell)?|soll\w*|theo(?:r\w*)?|cad|expected|desired|cmd|command(?:ed)?|ref(?:erence)?"
+    r"|dev(?:iations?)?|abw\w*|delta|diff(?:erence)?|err(?:or)?|res(?:iduals?)?|std(?:dev|ev)?|sd|sigma|unc\w*|rms"
+    r"|tol(?:erance)?|min|max|range|scale|size|offset)\W*",
+    re.IGNORECASE,
 )
+"""What stands before X, Y and Z that are no place: turns, forces, where a point was to be, and how far it is off."""
 
 
 WHICH = re.compile(

@@ -92,6 +92,13 @@ MOST_MOTION = 200.0
 SAMPLES = 100
 """So many rows that stand and move are samples, whatever their clock is."""
 
+FRAMES = re.compile(
+    r"(?:(?:coord\w*|ref(?:erence)?|work(?:ing)?)[ _]?)?(?:frame|system|c?sys|ucs)(?:[ _]?(?:id|name))?"
+    r"|\w*(?:koordinaten|bezugs)system",
+    re.IGNORECASE,
+)
+"""Header of a column that says in which frame a place is."""
+
 TURNS = ("a", "b", "c", "w", "p", "r", "rx", "ry", "rz")
 """Columns beside a controller's own X Y Z that are the orientation of its tool."""
 
@@ -237,7 +244,7 @@ def intake(
             except TableError as error:
                 wrong.append(str(error))
             understood[i], about = _settled(sources[i], understood[i], ask, slides)
-            wrong += about
+            wrong += about + (_in_frames(sources[i], understood[i]) if i in points else [])
         elif not source.part:
             wrong.append(_no_place(source, joints=False))
     if not points and not pictures and len(logs) == len(sources) == 1:
@@ -269,6 +276,10 @@ def intake(
     if wrong:
         raise ManyErrors(wrong)
     log, exports = logs[0], [i for i in points if i not in logs]
+    beside_joints = {meaning.column.partition(" ")[0].lower() for meaning in understood[log]} & {*TURNS}
+    if log in points and len(beside_joints) >= 3:
+        text = "x y z stand beside the joints, with angles of the tool as controllers log them: these compute them from"
+        sources[log] = replace(sources[log], notes=(*sources[log].notes, f"{text} the joints; are they measured?"))
     for i in exports:  # what an instrument's program says of its own readings is no cause of the arm's errors
         why = "of the instrument"
         understood[i] = tuple(
@@ -861,6 +872,22 @@ def _no_place(source: SourceTable, joints: bool) -> str:
     named = listing(source.header)
     text = f"{source.path}: neither joints nor x y z among its columns ({named}): --take COLUMN=q_J1_deg"
     return "" if joints else text
+
+
+def _in_frames(source: SourceTable, meant: Sequence[Meaning]) -> list[str]:
+    """Return what is wrong with places that a column says to be in several frames."""
+    wrong = list[str]()
+    for meaning, cells in zip(meant, source.columns, strict=True):
+        if meaning.kind != "covariate" or meaning.why == "as asked" or not FRAMES.fullmatch(meaning.column.strip()):
+            continue
+        frames = sorted({*map(str, cells)} - {""})
+        if len(frames) > 1 and not all(map(NUMBER.fullmatch, frames)):
+            text = f"{source.path}: {meaning.column!r} says that places are in {listing(map(said, frames), FEW)}:"
+            text += (
+                f" export them in one frame, or --take '{meaning.column}=session' where the instrument was set up anew,"
+            )
+            wrong.append(f"{text} '{meaning.column}=unused' where all are in one")
+    return wrong
 
 
 def _unknown_unit(source: SourceTable, meaning: Meaning) -> str:

@@ -25,6 +25,9 @@ COMMENT = re.compile(r"\s*(?://|#|%|!)\s*(.*)")
 COMMA = re.compile(r"[+-]?(?:\d+|\d{1,3}(?:\.\d{3})+),\d+(?:[eE][+-]?\d+)?")
 """A number with a decimal comma, points between its thousands or none."""
 
+GROUPED = re.compile(r"[+-]?\d{1,3},\d{3}")
+"""One that may as well be a whole number with a comma between its thousands."""
+
 AXIS = re.compile(r"(?:.*[ ._\-])?([xyz])", re.IGNORECASE)
 MEASURED = re.compile(r"(?:.*\W)?(?:meas|act|ist|(?:ge)?mess|mesur|value|wert)\w*.*", re.IGNORECASE)
 """Header of the column with what was measured, where a line has one coordinate: beside nominal and deviation."""
@@ -155,6 +158,7 @@ def read_table_source(path: Path) -> SourceTable:
         if len(cells) != width:
             raise TableError(Place(path, line), f"has {len(cells)} cells where most rows have {width}")
     columns = [tuple(column) for column in zip(*(cells for _, cells in body), strict=True)]
+    _one_mark(path, body, columns)
     source = SourceTable(
         path,
         tuple(head or _names(columns)),
@@ -166,6 +170,18 @@ def read_table_source(path: Path) -> SourceTable:
         tuple(comments),
     )
     return _named_joints(_by_point(source))
+
+
+def _one_mark(path: Path, body: Sequence[tuple[int, list[str]]], columns: Sequence[Sequence[str]]) -> None:
+    """Raise where a column has commas that may part thousands, and another has decimal points."""
+    pointed = next((column[0] for column in columns[1:] if all(NUMBER.fullmatch(cell) for cell in column)
+                    and any("." in cell for cell in column)), None)  # fmt: skip
+    for column in columns if pointed is not None else ():
+        with_comma = [i for i, cell in enumerate(column) if COMMA.fullmatch(cell)]
+        if with_comma and all(GROUPED.fullmatch(column[i]) for i in with_comma):
+            cell = column[with_comma[0]]
+            text = f"{cell!r} is {cell.replace(',', '.')} or {cell.replace(',', '')}, beside {pointed!r} with a point"
+            raise TableError(Place(path, body[with_comma[0]][0]), f"{text}: export it without commas in numbers")
 
 
 def _are_units(cells: Sequence[str]) -> bool:

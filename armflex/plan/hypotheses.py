@@ -66,8 +66,10 @@ def named_effect(text: str, arm: Arm, columns: Sequence[str]) -> Effect:
     if law.afterwards is Afterwards.OVER:
         raise UnsupportedError(f"{name} is of a session that has been: {law.afterwards.value}")
     locations = {}
-    for location in sorted(locations_on(law, arm), key=lambda location: len(location.terms)):
+    for location in sorted(locations_on(law, arm, recorded=columns), key=lambda location: len(location.terms)):
         locations[_spelled(law.name, location)] = location
+    if not locations:
+        raise InputError(f"{name} is at no place: a column that it depends on is not given (--after or --covariates)")
     place = _meant(text, locations)
     if place is None:
         raise UnknownNameError(f"place of {law.name}", text, locations)

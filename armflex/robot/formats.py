@@ -193,11 +193,16 @@ def _read_mjcf(path: Path, root: etree._Element, declares: bool) -> Urdf:
             tree.joint(f"{name}_fixed", "fixed", ends, place, pin.SE3.Identity(), np.eye(3)[0], line=line)
     tree.flags += flags
     tree.declared = _declared(mujoco, model, (bodies, joints), joined, followers) if declares else {}
-    for i in range(model.ntendon if declares else 0):
+    declared = {**tree.declared["spring"], **tree.declared["cylinder"]} if declares else {}
+    for i in range(model.ntendon):
         name = model.tendon(i).name or f"tendon{i}"
-        if name not in {**tree.declared["spring"], **tree.declared["cylinder"]}:
+        if name not in declared:
             text = f"{path}: tendon {name!r} is no spring or cylinder between two sites: it is left out"
             tree.flags.append(Flag("tendon", text))
+    for j in np.flatnonzero(model.jnt_stiffness).tolist():
+        text = f"joint {joints[j]!r} has a spring of {float(model.jnt_stiffness[j]):g} beside its drive"
+        text = f"{Place(path, lines.get(('joint', joints[j]), 0))}: {text}: it is left out, and bears nothing here"
+        tree.flags.append(Flag("joint_spring", text))
     if root.find("option[@gravity]") is not None:
         x, y, z = model.opt.gravity.tolist()
         tree.gravity = (x, y, z)

@@ -6,24 +6,28 @@ import os
 import subprocess
 import sys
 import tomllib
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any, cast
 
+import numpy as np
 import pytest
 from support.small_arms import ROBOTS
 
 from armflex.declaration import Declaration, Source
 from armflex.errors import ArmFileError, PluginError
+from armflex.export import Exported
 from armflex.laws import LAWS
 from armflex.laws.declared import LawModel, read_law
 from armflex.laws.effects import CATALOGUE, EffectLaw
 from armflex.laws.effects.catalogue import GROUP, _fault
-from armflex.laws.joint.linear import read_linear
+from armflex.laws.effects.effect import TwistLaw
+from armflex.laws.joint.linear import LinearLaw, read_linear
 from armflex.laws.law import Law, Ranges
 from armflex.laws.terms import Terms, powers
 from armflex.plugins import Registry, missing
 from armflex.readings import SENSOR_KINDS
-from armflex.testing import check_effect, check_law, check_reading
+from armflex.testing import check_effect, check_exporter, check_law, check_reading
 
 TEMPLATE = Path(__file__).parents[2] / "examples" / "plugin"
 
@@ -90,7 +94,7 @@ def test_an_effect_of_a_plugin_is_traced_written_and_missed(installed: Path, tmp
     alone = run(tmp_path, None, "-m", "armflex", "deflect", "traced.toml", "--covariates", "speed_J3=0.1")
     line = traced[: traced.index("armflex-extras")].count("\n") + 1
     assert alone.returncode == 2 and f"traced.toml:{line}" in alone.stderr
-    needs = "needs armflex-extras >=0.1, which is not installed: pip install 'armflex-extras>=0.1'"
+    needs = "needs armflex-extras >=0.1, which is not installed: install it from where armflex-extras is kept"
     assert needs in " ".join(alone.stderr.split())
 
 
@@ -117,7 +121,7 @@ def test_an_exporter_that_fails_is_named(tmp_path: Path) -> None:
     arm = ROBOTS / "heavy_six" / "arm.toml"
     ran = run(tmp_path, tmp_path, "-m", "armflex", "export", arm, "--to", "broken", "--traj", "path.csv", "-o", "k.txt")
     said = " ".join(ran.stderr.split())
-    assert ran.returncode == 2 and "stray.py:2: the exporter 'broken' of stray failed: AttributeError" in said
+    assert ran.returncode == 2 and "stray.py:2: stray failed: AttributeError" in said
     assert not (tmp_path / "k.txt").exists()
 
 
@@ -168,7 +172,9 @@ def test_a_plugin_that_cannot_be_taken_is_named(
     monkeypatch.syspath_prepend(tmp_path)
     registry: Registry[EffectLaw] = Registry(GROUP, {"backlash": CATALOGUE["backlash"]}, _fault)
     with pytest.raises(PluginError, match=complaint):
-        registry["backlash"]
+        registry[points.partition(" ")[0]]
+    if not points.startswith("backlash"):
+        assert registry["backlash"] is CATALOGUE["backlash"], "a fault of another name is no fault of this one"
 
 
 @pytest.mark.parametrize(
@@ -176,8 +182,8 @@ def test_a_plugin_that_cannot_be_taken_is_named(
     [
         (">=1.2", ""),
         ("1.2.0", ""),
-        (">=1.10", "needs other >=1.10, but 1.2 is installed"),
-        ("1.1", "needs other 1.1, but 1.2 is installed"),
+        (">=1.10", "needs other >=1.10, but 1.2 is installed: install that from where other is kept"),
+        ("1.1", "needs other 1.1, but 1.2 is installed: install that from where other is kept"),
     ],
 )
 def test_versions_are_compared_by_their_numbers(
@@ -232,3 +238,51 @@ def test_a_law_whose_tangent_is_another_does_not_conform() -> None:
 
     with pytest.raises(AssertionError, match="tangent"):
         check_law(replace(linear, read=read))
+
+
+def parameters(arm: object, digits: int) -> Exported:
+    return Exported(str(digits))
+
+
+def options(arm: object, **given: object) -> Exported:
+    return Exported("text")
+
+
+@pytest.mark.parametrize(
+    ("export", "complaint"),
+    [(parameters, "'digits' is no option of `armflex export`"), (options, r"expected a function export\(arm, OPTION")],
+)
+def test_an_exporter_with_other_parameters_than_options_does_not_conform(export: object, complaint: str) -> None:
+    with pytest.raises(AssertionError, match=complaint):
+        check_exporter(cast(Any, export))
+
+
+@dataclass(frozen=True)
+class Spoilt(LinearLaw):
+    """A linear law of which one method does not do what it says."""
+
+    def scaled(self, factor: np.ndarray) -> LinearLaw:
+        return self
+
+
+@dataclass(frozen=True)
+class Deaf(LinearLaw):
+    def at(self, values: np.ndarray) -> LinearLaw:
+        return self
+
+
+@pytest.mark.parametrize(("law", "complaint"), [(Spoilt, "it gives more"), (Deaf, "values of `at`")])
+def test_laws_whose_methods_do_nothing_do_not_conform(law: type[Law], complaint: str) -> None:
+    def read(table: Declaration, joint: str, ranges: Ranges) -> Law:
+        linear = read_linear(table, joint, ranges)
+        return law(**{field.name: getattr(linear, field.name) for field in fields(linear)})
+
+    with pytest.raises(AssertionError, match=complaint):
+        check_law(LawModel(read, 'model = "spoilt"\ncompliance = [0, 0, 0, 0, 0, 4e-7]\n'))
+
+
+def test_an_effect_with_too_few_terms_does_not_conform() -> None:
+    backlash = cast(TwistLaw, CATALOGUE["backlash"])
+    short = replace(backlash, terms=lambda here, inner: [])
+    with pytest.raises(PluginError, match="the effect 'backlash': `terms` gives 0 lists for 1 amplitudes"):
+        check_effect(short)

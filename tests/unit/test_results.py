@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from html.parser import HTMLParser
 
@@ -73,6 +74,7 @@ class Balanced(HTMLParser):
 def test_results_show_themselves(name: str, arm: armflex.Arm, path: armflex.Trajectory) -> None:
     result = RESULTS[name](arm, path)
     assert len(repr(result).splitlines()) < 15 and len(repr(result)) < 1200
+    assert not re.search(r"\d\.\d{8}", repr(result))
     page = Balanced()
     page.feed(result._repr_html_())
     assert page.open == [] and page.cells

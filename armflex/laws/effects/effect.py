@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 import numpy as np
 
 from armflex.conventions import Array, cached_property
+from armflex.errors import PluginError
 from armflex.laws import Row
 from armflex.laws.effects.location import Here, Location, link_of
 from armflex.laws.terms import LEAST, Terms, twists_of
@@ -546,7 +547,15 @@ class TwistLaw(EffectLaw):
         """Return the (..., k, 6) twist per amplitude under a (..., 6) wrench at the site, local axes."""
         if self.basis:
             return self.basis(here, wrench, row, inner)
-        return np.moveaxis(twists_of(self.terms(here, inner), wrench, row), 0, -2)
+        return np.moveaxis(twists_of(self.terms_of(here, inner), wrench, row), 0, -2)
+
+    def terms_of(self, here: Here, inner: Values) -> Sequence[Terms]:
+        """Return the terms of each amplitude; raise `PluginError` where these are more or fewer."""
+        terms = self.terms(here, inner)
+        if len(terms) != len(self.amplitudes):
+            text = f"`terms` gives {len(terms)} lists for {len(self.amplitudes)} amplitudes: one list for each"
+            raise PluginError(f"the effect {self.name!r}: {text}")
+        return terms
 
     def of_each(self, location: Location, inners: Sequence[Values], view: Solved, context: Context) -> Sequence[Array]:
         return [self.twists(*self._asked(location, inner, view, context)) for inner in inners]
@@ -555,7 +564,7 @@ class TwistLaw(EffectLaw):
         here, load, row, _ = self._asked(location, inner, view, context)
         way = self.direction(here, inner)
         assert way is not None
-        return twists_of(self.terms(here, inner), load, row, way[None] / max(float(way @ way), LEAST))[..., 0]
+        return twists_of(self.terms_of(here, inner), load, row, way[None] / max(float(way @ way), LEAST))[..., 0]
 
     def _asked(
         self, location: Location, inner: Values, view: Solved, context: Context

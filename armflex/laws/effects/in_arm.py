@@ -64,7 +64,7 @@ class BoundTwist(WithoutParameters):
         if self.law.joined is not None:
             together = self.law.joined(self.here, self.effect.amplitudes, self.effect.inner)
             return [timed for term in together for timed in _timed(term, self.effect)]
-        sized = zip(self.effect.amplitudes, self.law.terms(self.here, self.effect.inner), strict=True)
+        sized = zip(self.effect.amplitudes, self.law.terms_of(self.here, self.effect.inner), strict=True)
         return [
             amplitude_term
             for value, each in sized

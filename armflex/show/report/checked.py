@@ -111,7 +111,10 @@ def _slowest(modes: Sequence[ModesAt], swing: SettlingReport | None, within: flo
     if swing and swing.via_points:
         last = max(swing.via_points, key=lambda point: point.settle_s)
         note = f"until within {within * 1e3:g} mm, at {last.name or 'the last row'}"
-        yield "Longest settling", f"{number(last.settle_s, 3)} s", note
+        if last.settle_s > 0.0:
+            yield "Longest settling", f"{number(last.settle_s, 3)} s", note
+        else:
+            yield "Longest settling", "none", f"no via-point swings by more than {within * 1e3:g} mm"
 
 
 def _swings(checked: CheckedPath) -> tuple[SettlingReport | None, tuple[ModesAt, ...], str]:

@@ -87,7 +87,9 @@ def _legend(scene: Scene) -> str:
         heading = f"<h2>{html_text(scene.legend_title)}</h2>" if scene.legend_title else ""
         legend = f"{heading}<table>{''.join(rows)}</table>"
     if scene.table:
-        head, *rows = ("".join(f"<td>{html_text(cell)}</td>" for cell in row) for row in scene.table)
+        head, *rows = (
+            "".join(f"<td>{html_text(cell).replace('_', '_<wbr>')}</td>" for cell in row) for row in scene.table
+        )
         body = "".join(f"<tr>{row}</tr>" for row in rows)
         legend += f'<h2>{html_text(scene.table_title)}</h2><table class="points"><tr>{head}</tr>{body}</table>'
     return legend

@@ -83,6 +83,7 @@ def test_check_has_a_page(tmp_path: Path) -> None:
     assert "The path is within 500 mm." in text and "SHA-256" in text and "<svg" in text
     for word in ("first frequency Hz", "settles in s", "margin mm", "as declared, not calibrated", *ROWS):
         assert word in text
+    assert "no via-point swings by more than 500 mm" in text and "0 s<" not in text
 
 
 def test_modes_along_a_path_and_names_of_its_via_points(tmp_path: Path) -> None:

@@ -37,6 +37,13 @@ def condensed(folder: Path, mesh: Path, *more: object) -> dict:
     return strict_json(folder / "p.json")
 
 
+def test_couplings_that_are_rounding_are_printed_as_0(tmp_path: Path) -> None:
+    mesh = write_bar(tmp_path / "bar.inp", "C3D20", *bar("C3D20", (4, 2, 2), (1.0, 0.1, 0.1), 0))
+    found = fine(run_here(tmp_path, "fem", mesh, "--fixed", "root", "--loaded", "tip", "-o", "p.toml"))
+    row = next(line.split() for line in found.stdout.splitlines() if line.split()[:1] == ["dy"])
+    assert [cell == "0" for cell in row[1:]] == [True, False, True, True, True, False]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("hollow", [0, 1])
 @pytest.mark.parametrize("kind", ["C3D10", "C3D20"])

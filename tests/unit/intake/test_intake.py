@@ -487,3 +487,52 @@ def test_numbers_of_a_program_are_no_table(tmp_path: Path, row: str) -> None:
     paths = spelt(tmp_path, [f"J{i}" for i in range(1, 7)])
     with pytest.raises(InputError, match=r"program\.txt:1: is no row of a table, with .*: log the joints"):
         intake([tmp_path / "program.txt", paths[1]], 5e-5)
+
+
+@pytest.mark.parametrize("base", ["dX", "Nominal X", "Soll-X", "residual X", "std_X", "ref X"])
+def test_deviations_and_nominal_places_are_no_readings(tmp_path: Path, base: str) -> None:
+    triple = ",".join(f"{base.replace('X', axis)} [mm]" for axis in "XYZ")
+    paths = spelt(tmp_path, [f"J{i}" for i in range(1, 7)], f"name,{triple}")
+    with pytest.raises(InputError, match="neither joints nor x y z among its columns"):
+        intake(paths, 5e-5)
+    rows = [[name, *place, *(place + 1.0)] for name, place in zip(NAMES, XYZ, strict=True)]
+    both = [f"name,Actual X [mm],Actual Y [mm],Actual Z [mm],{triple}", *(",".join(map(str, row)) for row in rows)]
+    paths[1].write_text("\n".join(both) + "\n")
+    found = intake(paths, 5e-5)
+    assert np.allclose(np.array([found.columns[axis] for axis in "xyz"]).T, 1e-3 * XYZ, atol=1e-9)
+
+
+def test_places_in_two_frames_are_no_campaign(tmp_path: Path) -> None:
+    paths = spelt(tmp_path, [f"J{i}" for i in range(1, 7)])
+    frames = ["base" if i < 3 else "tracker" for i in range(len(NAMES))]
+    rows = [[name, frame, *place] for name, frame, place in zip(NAMES, frames, XYZ, strict=True)]
+    text = ["name,Frame,X [mm],Y [mm],Z [mm]", *(",".join(map(str, row)) for row in rows)]
+    paths[1].write_text("\n".join(text) + "\n")
+    with pytest.raises(InputError, match="'Frame' says that places are in 'base', 'tracker': export them in one frame"):
+        intake(paths, 5e-5)
+    assert list(intake(paths, 5e-5, {"Frame": "session"}).columns["session"]) == frames
+
+
+def test_a_comma_that_may_part_thousands_is_asked_about(tmp_path: Path) -> None:
+    paths = spelt(tmp_path, [f"J{i}" for i in range(1, 7)])
+    rows = [f"{name};1,{594 + i};{place[1]};{place[2]}" for i, (name, place) in enumerate(zip(NAMES, XYZ, strict=True))]
+    paths[1].write_text("\n".join(["name;X [mm];Y [mm];Z [mm]", *rows]) + "\n")
+    with pytest.raises(InputError, match=r"export\.csv:2: '1,594' is 1\.594 or 1594, beside '.*' with a point"):
+        intake(paths, 5e-5)
+
+
+def test_places_beside_joints_with_angles_of_the_tool_may_be_the_controllers_own(tmp_path: Path) -> None:
+    rows = [[name, *row, *place, 1.0, 2.0, 3.0] for name, row, place in zip(NAMES, DEGREES, XYZ, strict=True)]
+    head = [
+        "name",
+        *(f"J{i} [deg]" for i in range(1, 7)),
+        "X [mm]",
+        "Y [mm]",
+        "Z [mm]",
+        "A [deg]",
+        "B [deg]",
+        "C [deg]",
+    ]
+    (tmp_path / "log.csv").write_text("\n".join(",".join(map(str, row)) for row in [head, *rows]) + "\n")
+    found = intake([tmp_path / "log.csv"], 5e-5)
+    assert any("these compute them from the joints; are they measured?" in note for note in found.notes)

@@ -24,7 +24,9 @@ from armflex.errors import UnknownNameError, UnsupportedError
 from armflex.estimate import Calibration, calibrate
 from armflex.files.effect_file import locations_on
 from armflex.laws.effects.catalogue import CATALOGUE
+from armflex.laws.effects.context import Records
 from armflex.laws.effects.effect import Afterwards, Effect
+from armflex.laws.effects.location import Location
 from armflex.laws.learned import Learning
 from armflex.linear_gaussian import LinearGaussian
 from armflex.plan.design import DsOptimal, Goal, IOptimal, TOptimal, Truth, exchanged, greedy, instead, path, shows
@@ -582,3 +584,14 @@ def test_bad_input_is_exit_code_2(armflex: Run, tmp_path: Path, given: list, tex
 def test_a_picture_ends_in_png_pdf_or_svg(found: Plan, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="png"):
         draw_plan(found, tmp_path / "p.bmp")
+
+
+def test_an_effect_over_a_recorded_column_is_planned_for_where_the_column_is_given(six: Arm) -> None:
+    def places(records: Records) -> list[Location]:
+        return [Location("J2", "ry", ("speed_J2",))] if "speed_J2" in records.recorded else []
+
+    lag = replace(CATALOGUE["encoder_scale"], name="lag", places=places)
+    with CATALOGUE.entered("lag", lag):
+        assert named_effect("lag:J2", six, ("speed_J2",)).location.covariates == ("speed_J2",)
+        with pytest.raises(InputError, match="lag is at no place: a column that it depends on is not given"):
+            named_effect("lag:J2", six, ())

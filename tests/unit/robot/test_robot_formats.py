@@ -101,6 +101,15 @@ def test_a_body_of_mjcf_that_is_too_far_away_is_flagged_as_one_of_a_urdf_is(tmp_
     assert f"crane.xml:{line}: joint 'luff': origin is 1" in first.text and "m from its parent link" in first.text
 
 
+def test_a_spring_or_a_tendon_of_mjcf_that_is_left_out_is_flagged(tmp_path: Path) -> None:
+    text = MJCF.replace('name="roll"', 'name="roll" stiffness="40"')
+    tendon = '<tendon><fixed name="belt"><joint joint="luff" coef="1"/><joint joint="roll" coef="2"/></fixed></tendon>'
+    text = text.replace("</mujoco>", f"{tendon}</mujoco>")
+    flags = {flag.code: flag.text for flag in load_robot(write(tmp_path, text, "crane.xml"), "hook").flags}
+    assert f"crane.xml:{line_of(text, 'stiffness=')}: joint 'roll' has a spring of 40" in flags["joint_spring"]
+    assert "tendon 'belt' is no spring or cylinder" in flags["tendon"]
+
+
 def test_the_gravity_of_mjcf_is_taken_where_nothing_else_is_said(tmp_path: Path) -> None:
     text = MJCF.replace("<worldbody>", '<option gravity="0 6.9 -6.9"/><worldbody>', 1)
     path = write(tmp_path, text, "crane.xml")

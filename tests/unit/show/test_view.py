@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from support.pages import BROWSER, hue_share, picture, sheets
+from support.pages import BROWSER, QUIET, hue_share, picture, sheets
 from support.small_arms import ROBOTS, joint, link, robot, write
 
 from armflex import Arm, InputError, Payload, Trajectory, Wrench, check, load_arm, view
@@ -473,6 +473,22 @@ def test_a_printed_page_has_the_picture(tarm: Arm, tmp_path: Path) -> None:
     parts = (tmp_path / "print" / "page.pdf").read_bytes().split(b" obj")
     drawn = [part.split(b"stream\n", 1)[1] for part in parts if b"/Subtype /Image" in part]
     assert any(np.frombuffer(zlib.decompressobj().decompress(one), np.uint8).std() > 10.0 for one in drawn)
+
+
+@pytest.mark.slow
+@needs_browser
+def test_names_of_via_points_at_one_place_are_stacked(heavy: Arm, tmp_path: Path) -> None:
+    q = np.outer(np.repeat([0.0, 0.2], 6), np.full(6, 0.3))
+    names = tuple(f"weld_{i}" for i in range(12))
+    path = Trajectory(heavy.joint_names, np.arange(12.0), q, ("none",) * 12, names)
+    view(heavy, trajectory=path, path=tmp_path / "stacked.html")
+    flags = [*QUIET, "window-size=1280,800", f"user-data-dir={tmp_path / 'profile'}", "virtual-time-budget=300"]
+    command = [BROWSER, *(f"--{flag}" for flag in flags), "--dump-dom", (tmp_path / "stacked.html").as_uri()]
+    drawn = subprocess.run(command, check=True, capture_output=True, text=True, timeout=600).stdout
+    form = re.compile(r"<span[^>]*visibility: visible; transform: translate\(([\d.]+)px, ([\d.]+)px\)[^>]*>weld_")
+    places = np.array([match.groups() for match in form.finditer(drawn)], dtype=float)
+    apart = np.abs(places[:, None] - places) + np.diag(np.full(len(places), 1e3))[:, :, None]
+    assert len(places) == 12 and ((apart[:, :, 0] > 40.0) | (apart[:, :, 1] >= 18.0)).all()
 
 
 @pytest.mark.slow
