@@ -16,8 +16,8 @@ SIGMA = 1e-4
 def test_target_and_frames_are_found_beside_lost_beams(lost: float, sessions: int, off: np.ndarray) -> None:
     rng, shape = np.random.default_rng(3), (1, sessions, 40)
     points = rng.normal(size=(*shape, 3))
-    axes = Rotation.random(sessions * 40, random_state=1).as_matrix().reshape(*shape, 3, 3)
-    frames = Rotation.random(sessions, random_state=2).as_matrix()
+    axes = Rotation.random(sessions * 40, rng=np.random.default_rng(1)).as_matrix().reshape(*shape, 3, 3)
+    frames = Rotation.random(sessions, rng=np.random.default_rng(2)).as_matrix()
     seen = (points + axes @ off) @ frames.swapaxes(1, 2) + rng.normal(size=(1, sessions, 1, 3))
     seen = seen + SIGMA * rng.normal(size=seen.shape)
     far = rng.random(shape) < lost
@@ -32,7 +32,7 @@ def test_target_and_frames_are_found_beside_lost_beams(lost: float, sessions: in
 def test_columns_shift_the_arm_and_points_that_are_not_there_count_for_nothing() -> None:
     rng = np.random.default_rng(4)
     points, along = rng.normal(size=(1, 1, 40, 3)), np.array([0.6, 0.8, 0.0])
-    axes = Rotation.random(40, random_state=1).as_matrix()[None, None]
+    axes = Rotation.random(40, rng=np.random.default_rng(1)).as_matrix()[None, None]
     column = rng.normal(size=(40, 1))
     column -= column.mean()
     counted = np.arange(40)[None] < 40
