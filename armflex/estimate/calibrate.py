@@ -304,10 +304,9 @@ def fit_campaign(
     measurements = as_campaign(measurements, arm)
     used, _ = _usable(arm, measurements, rows)
     about: tuple[Flag, ...] = ()
-    if anyway or arm.robot.linkage:
+    if anyway:
         check_joint_units(measurements.q, arm, measurements.places, units=measurements.units)
-    # Another convention would be a pose that loops do not let a mechanism take.
-    for name, places in measurements.pieces.items() if not arm.robot.linkage else ():
+    for name, places in measurements.pieces.items():
         part = replace(measurements.some(places), campaign=())
         try:
             flags = check_conventions(arm, part, np.flatnonzero(np.isin(places, used)), keep, searched=as_stated)

@@ -81,7 +81,7 @@ def estimated(seen: SeenRows, every: Measurements) -> Iterator[Misreading]:
 
 def _columns(seen: SeenRows, every: Measurements) -> Iterator[Misreading]:
     """Yield the likeliest of the families, each refined, and of several at once where one alone leaves much."""
-    left = seen.placed(seen.q).left
+    left = seen.placed(seen.q[None]).left[0, 0]
     if _is_near(seen, left):
         return
     before = float(seen.cost(left))
@@ -93,7 +93,7 @@ def _columns(seen: SeenRows, every: Measurements) -> Iterator[Misreading]:
             return
         first = families[0]
         after = replace(seen, q=seen.q @ first.by + first.shift)
-        if _is_near(seen, seen.placed(after.q).left):
+        if _is_near(seen, seen.placed(after.q[None]).left[0, 0]):
             return
         further = _fitted(after, [*_couplings(after), *_homes(after)], first.cost)
         # What one alone is estimated at makes up for the other.
@@ -130,11 +130,11 @@ def _fitted(seen: SeenRows, families: Sequence[Family], before: float) -> list[F
 
     def left(family: Family, numbers: Array) -> Array:
         by, shift = family.map(numbers)
-        return seen.placed(seen.q @ by + shift).left
+        return seen.placed((seen.q @ by + shift)[None]).left[0, 0]
 
     begun = [(number, place) for number, family in enumerate(families) for place in range(len(family.starts))]
     q = [seen.q @ by + shift for by, shift in (families[i].map(families[i].starts[place]) for i, place in begun)]
-    costs = seen.cost(seen.placed(np.array(q)).left).tolist() if q else []
+    costs = seen.cost(seen.placed(np.array(q)).left[:, 0]).tolist() if q else []
     looked = [(cost, *start) for cost, start in zip(costs, begun, strict=True)]
     likely, fits = dict[int, int](), list[FittedFamily]()
     for cost, number, place in sorted(looked):
@@ -348,13 +348,13 @@ def _header(unit: str, column: str, written: str) -> str:
 def _rails(seen: SeenRows, every: Measurements) -> Iterator[Misreading]:
     """Yield that the arm rides on a rail whose place is in a column of numbers, or on two or three of them."""
     numbers = {name: values for name, values in every.covariates.items() if not isinstance(values, tuple)}
-    before = seen.placed(seen.q)
-    base = float(seen.cost(before.left))
+    before = seen.placed(seen.q[None])
+    base = float(seen.cost(before.left[0, 0]))
     looked = list[tuple[float, str]]()
     for name, values in numbers.items():
         column = values[seen.rows][:, None]
         if np.ptp(column) > RESOLUTION * max(1.0, float(np.abs(column).max())):
-            looked.append((float(seen.cost(seen.placed(seen.q, column - column.mean()).left)), name))
+            looked.append((float(seen.cost(seen.placed(seen.q[None], column - column.mean()).left[0, 0])), name))
     looked = [pair for pair in sorted(looked) if pair[0] < base - 0.1][:FEW]
     chosen: list[str] = []
     placed, cost = before, base
@@ -362,19 +362,19 @@ def _rails(seen: SeenRows, every: Measurements) -> Iterator[Misreading]:
         columns = np.column_stack(
             [numbers[column][seen.rows] - numbers[column][seen.rows].mean() for column in (*chosen, name)]
         )
-        other = seen.placed(seen.q, columns)
-        if (nearer := float(seen.cost(other.left))) < cost - 0.3:
+        other = seen.placed(seen.q[None], columns)
+        if (nearer := float(seen.cost(other.left[0, 0]))) < cost - 0.3:
             chosen, placed, cost = [*chosen, name], other, nearer
     if not chosen:
         return
     said, steps = [], []
-    for name, step in zip(chosen, placed.beside, strict=True):
+    for name, step in zip(chosen, placed.shifts[0, 0], strict=True):
         size = float(np.linalg.norm(step))
         value, unit = _unit(max(size, 1e-300), LOGGED_LENGTHS, ROUND)
         travel = size * float(np.ptp(numbers[name][seen.rows]))
         if unit not in LOGGED_LENGTHS or travel < LARGEST_MOTION * seen.arm.robot.reach:
             return
-        along = ", ".join(f"{part:g}" for part in np.round(placed.turn.T @ step / size, 3) + 0.0)
+        along = ", ".join(f"{part:g}" for part in np.round(placed.turn[0, 0].T @ step / size, 3) + 0.0)
         said.append(f"column {name} moves the arm by 1 {unit} per unit along ({along}) of its base")
         steps.append(step / size * value)
     offset = [float(numbers[name][seen.rows].mean()) for name in chosen]

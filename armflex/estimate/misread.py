@@ -14,21 +14,22 @@ lacks is the same in many readings: they count as `LOOKS` independent ones, whic
 as written, its prior among them, are a thousand to one (`NAMED`).
 
 That is asked of a few: those that bring the points of a placed arm nearest (`SeenRows`), or explain most to first order
-(`LinearCampaign.gains`), of all that `misreadings` and `estimated` think of.
+(`LinearCampaign`), of all that `misreadings` and `estimated` think of.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 
 from armflex.arm import Arm
 from armflex.conventions import STANDARD_GRAVITY, Array, in_mm, said_of
-from armflex.errors import FEW, ArmflexError, ConventionError, Flag
+from armflex.errors import FEW, ArmflexError, ClosureError, ConventionError, Flag, UnsupportedError
 from armflex.estimate.block import parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
 from armflex.estimate.estimated import estimated
@@ -50,6 +51,7 @@ from armflex.laws.joint.log_compliance import LOOSE
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.data_flags import check_joint_units, in_other_units
 from armflex.measured.measurements import Measurements
+from armflex.mechanics.loop_rows import rigid_tips
 from armflex.parameters import ABSURD, DOUBT, FRAMES, SEEN
 from armflex.readings import Kind, Orientation, Position
 from armflex.readings.instrument import ROUNDS, Instrument
@@ -76,7 +78,6 @@ class Explained:
         ideal: What the cost would be if nothing were left but what is stated.
         left: (M, d) residuals with everything fitted, in their units.
         scatter: (G,) of what each kind read over what is stated.
-        scale: (M, d) factors that whiten and weight the readings, in one over their units.
     """
 
     step: Array
@@ -85,7 +86,6 @@ class Explained:
     ideal: float
     left: Array
     scatter: Array
-    scale: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,11 +107,6 @@ class LinearCampaign:
     residual: Array
     floor: Array
     places: Sequence[slice]
-
-    def some(self, rows: np.ndarray) -> LinearCampaign:
-        """Return the same of (m,) rows."""
-        parts = {"jacobian": self.jacobian[rows], "residual": self.residual[rows], "floor": self.floor[rows]}
-        return replace(self, **parts)
 
     def beside(self, columns: Array, precision: Array) -> LinearCampaign:
         """Return the same with (M, d, k) further changes of the readings, about zero with (k,) precisions."""
@@ -156,28 +151,7 @@ class LinearCampaign:
         parts, held = cost(squares, variance), 0.5 * float((precision * (values + self.start) ** 2).sum())
         least = np.minimum(cost(count, np.ones(len(self.places))), parts)
         errors, scatter = np.where(read, left * whitened_by, 0.0), np.sqrt((weights * squares).sum(axis=0) / total)
-        scale = np.sqrt((worth * weights / variance) @ of_kind.T) / self.floor
-        return Explained(values, float(parts.sum()) + held, parts - least, float(least.sum()), errors, scatter, scale)
-
-    def gains(self, changes: Array, about: Explained) -> Array:
-        """Return (H,) by how much the cost falls where the arm moves the readings by (M, d, H) more.
-
-        It is so with the weights of what is explained without, so that one factorisation serves all.
-        """
-        scale, precision = about.scale[..., None], self.precision
-        flat = (self.jacobian * scale).reshape(self.residual.size, len(precision))
-        whole = scale * (self.residual[..., None] - np.concatenate([0.0 * changes[..., :1], changes], axis=2))
-        whole = whole.reshape(len(flat), -1)
-        score = flat.T @ whole - (precision * self.start)[:, None]
-        values = LinearGaussian.of(flat, precision).solve(score) if len(precision) else score
-        left = (whole - flat @ values).reshape(*self.residual.shape, -1) ** 2
-        cost = 0.5 * (precision[:, None] * (values + self.start[:, None]) ** 2).sum(axis=0)
-        for number, place in enumerate(self.places):
-            squares = left[:, place].sum(axis=(0, 1))
-            if squares[0] > 0.0:
-                variance = np.maximum(squares / squares[0] * about.scatter[number] ** 2, 1.0)
-                cost += 0.5 * min(LOOKS, np.isfinite(self.floor[:, place]).sum()) * np.log(variance)
-        return cost[0] - cost[1:]
+        return Explained(values, float(parts.sum()) + held, parts - least, float(least.sum()), errors, scatter)
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,10 +235,10 @@ class Case:
         """(M,) session of every row."""
         return np.array(self.rows.session)
 
-    def meant(self, hypothesis: Misreading, rows: np.ndarray | None = None) -> Case:
-        """Return the case as a hypothesis has it in (M,) own rows, in all where None."""
+    def meant(self, hypothesis: Misreading) -> Case:
+        """Return the case as a hypothesis has it in the rows in which it holds."""
         after = hypothesis.rows(self.rows) if hypothesis.of_rows else hypothesis.rows(self.every).some(self.some)
-        if rows is not None:
+        if (rows := hypothesis.where) is not None:
             place, old = rows[:, None], self.rows
             kinds = [
                 replace(b, values=np.where(place, b.values, a.values), sigma=np.where(place, b.sigma, a.sigma))
@@ -274,11 +248,9 @@ class Case:
             payload = tuple(b if there else a for a, b, there in names)
             readings = replace(old.readings, kinds=tuple(kinds))
             after = replace(after, q=np.where(place, after.q, old.q), payload=payload, readings=readings)
-        return replace(self, arm=hypothesis.arm or self.arm, rows=after)
-
-    def only(self, chosen: np.ndarray) -> Case:
-        """Return the case in (m,) of its rows."""
-        return replace(self, rows=self.rows.some(chosen), some=self.some[chosen])
+        # Loops are followed from where they were last: what one hypothesis asks would lead the next to another branch.
+        arm = hypothesis.arm or (replace(self.arm) if self.arm.robot.linkage else self.arm)
+        return replace(self, arm=arm, rows=after)
 
     def rests_as(self, other: Case) -> bool:
         """Return whether the arm rests in its rows as that of another case does."""
@@ -286,10 +258,11 @@ class Case:
         same = all(getattr(self.arm, name) is getattr(other.arm, name) for name in parts)
         return same and np.array_equal(self.rows.q, other.rows.q) and self.rows.payload == other.rows.payload
 
-    def sees_otherwise(self, other: Case) -> bool:
-        """Return whether joints, points or the arm are others than in another case, not only what weighs them."""
-        same = np.array_equal(self.rows.q, other.rows.q) and np.array_equal(self.rows.position, other.rows.position)
-        return not same or self.arm is not other.arm
+    def sees_otherwise(self, hypothesis: Misreading) -> bool:
+        """Return whether joints, points or the arm are others in a hypothesis, not only what weighs them."""
+        meant = self.meant(hypothesis).rows
+        same = np.array_equal(self.rows.q, meant.q) and np.array_equal(self.rows.position, meant.position)
+        return not same or hypothesis.arm is not None
 
     def place(self, row: int) -> str:
         """Return where a row is, for people."""
@@ -401,8 +374,12 @@ def check_conventions(
     if case is None:
         return ()
     fitted = None
-    with suppress(ArmflexError):
+    try:
         fitted = misfit(case, rounds=ROUNDS, doubted=True)  # nor is an arm accused that one step does not fit
+    except UnsupportedError:  # no campaign of this arm is judged
+        raise
+    except ArmflexError:
+        pass
     if fitted is not None and fitted.plausible and not in_other_units(case.every.q, arm).any():
         return ()
     named = _named(case, fitted, searched)
@@ -474,10 +451,10 @@ def _named(case: Case, fitted: Misfit | None, searched: bool) -> list[RankedMisr
     if fitted is not None and not fitted.free and not case.keep and not searched:
         more = "there is nothing to fit: give it joint_offset, compliance, tool or geometry, a standard deviation each"
         prior = replace(USUAL_PRIOR, session_target=case.arm.prior.session_target)
-        tried.append((Misreading("[prior] frees nothing", more, arm=replace(case.arm, prior=prior)), None))
+        tried.append(Misreading("[prior] frees nothing", more, arm=replace(case.arm, prior=prior)))
     named = dict[str, RankedMisreading]()
     for candidate in tried:
-        judged = _judged(case, fitted, *candidate)
+        judged = _judged(case, fitted, candidate)
         if judged is not None and (judged.name not in named or named[judged.name].gain < judged.gain):
             named[judged.name] = judged
     ranked = sorted(named.values(), key=lambda candidate: -candidate.gain)
@@ -486,12 +463,10 @@ def _named(case: Case, fitted: Misfit | None, searched: bool) -> list[RankedMisr
     return [replace(candidate, then=off or candidate.then) for candidate, off in zip(likeliest, placed, strict=True)]
 
 
-def _judged(
-    case: Case, fitted: Misfit | None, hypothesis: Misreading, rows: np.ndarray | None
-) -> RankedMisreading | None:
-    """Return a hypothesis with what is gained by it in (M,) own rows, in all where None; None where it is not named."""
+def _judged(case: Case, fitted: Misfit | None, hypothesis: Misreading) -> RankedMisreading | None:
+    """Return a hypothesis with what is gained by it; None where it is not named."""
     try:
-        meant, (words, charge) = case.meant(hypothesis, rows), _charge(case, hypothesis, rows)
+        meant, (words, charge) = case.meant(hypothesis), _charge(case, hypothesis)
         before = fitted.view if fitted is not None and meant.rests_as(case) else None
         near = fitted.placed if fitted is not None and hypothesis.of == "loads" else None
         then = misfit(meant, before, near)
@@ -516,8 +491,9 @@ def _off_placed(case: Case, of: str) -> str:
     return ""
 
 
-def _charge(case: Case, hypothesis: Misreading, rows: np.ndarray | None) -> tuple[str, float]:
-    """Return in which (M,) own rows a hypothesis holds, '' for all, and what it costs to think of it and to say so."""
+def _charge(case: Case, hypothesis: Misreading) -> tuple[str, float]:
+    """Return in which rows a hypothesis holds, in words, and what it costs to think of it and to say so."""
+    rows = hypothesis.where
     thought = NAMED * hypothesis.mistakes - LOOKS * hypothesis.volume * (1.0 if rows is None else float(rows.mean()))
     if rows is None:
         return "", thought
@@ -530,41 +506,47 @@ def _charge(case: Case, hypothesis: Misreading, rows: np.ndarray | None) -> tupl
     return f" in some rows ({100.0 * share:.0f} %, the first {case.place(int(np.argmax(rows)))})", thought + chosen
 
 
-Candidate = tuple[Misreading, np.ndarray | None]
-"""A hypothesis, and (M,) in which rows it holds, None for all."""
-
-
-def _candidates(case: Case, fitted: Misfit | None) -> Iterator[Candidate]:
+def _candidates(case: Case, fitted: Misfit | None) -> Iterator[Misreading]:
     """Yield what is worth being judged."""
     suspects = ("",) if fitted is None else fitted.suspects
     every = list(misreadings(case.arm, case.every, suspects))
     every += [] if fitted is None else _moves(case, fitted)
-    of = {name: [hypothesis for hypothesis in every if hypothesis.of == name] for name in ("orientation", "points")}
-    yield from ((hypothesis, None) for hypothesis in _likeliest_turns(of["orientation"], case, fitted))
-    others = [hypothesis for hypothesis in every if hypothesis.of in case.arm.sensors and hypothesis.slip is None]
+    unmoved = [hypothesis for hypothesis in every if hypothesis.slip is None]
+    yield from _likeliest_turns([hypothesis for hypothesis in unmoved if hypothesis.of == "orientation"], case, fitted)
+    others = [hypothesis for hypothesis in unmoved if hypothesis.of in case.arm.sensors]
     if set(suspects) - {None}:
-        points = [hypothesis for hypothesis in of["points"] if hypothesis.slip is None]
-        others += [hypothesis for hypothesis in every if hypothesis.of == "loads"]
-        if case.rows.positioned.all():
-            seen = _seen(case, fitted)
+        points = [hypothesis for hypothesis in unmoved if hypothesis.of == "points"]
+        others += [hypothesis for hypothesis in unmoved if hypothesis.of == "loads"]
+        seen = _seen(case, fitted)
+        if seen is not None:
             if len((largest := _of_one_session(seen, case)).q) >= 3 * FEW and not case.arm.robot.linkage:
                 declared = {hypothesis.name for hypothesis in points}  # their remedies say more
-                numbers = estimated(largest, case.every)
-                yield from ((hypothesis, None) for hypothesis in numbers if hypothesis.name not in declared)
+                numbered = estimated(largest, case.every)
+                yield from (hypothesis for hypothesis in numbered if hypothesis.name not in declared)
             yield from () if fitted is None else _apart(case, fitted)
-            meant = [(hypothesis, case.meant(hypothesis)) for hypothesis in points]
-            yield from _nearest([pair for pair in meant if pair[1].sees_otherwise(case)], seen, case, fitted)
-            others += [hypothesis for hypothesis, other in meant if not other.sees_otherwise(case)]
+            otherwise = [case.sees_otherwise(hypothesis) for hypothesis in points]
+            yield from _nearest(list(compress(points, otherwise)), seen, case, fitted)
+            others += [hypothesis for hypothesis, moves in zip(points, otherwise, strict=True) if not moves]
         else:
-            yield from ((hypothesis, None) for hypothesis in points)
-    yield from ((hypothesis, None) for hypothesis in others) if fitted is None else _first_order(others, case, fitted)
-    yield from ((hypothesis, None) for hypothesis in every if hypothesis.slip is not None)
+            yield from points
+    yield from others if fitted is None else _first_order(others, case, fitted)
+    yield from (hypothesis for hypothesis in every if hypothesis.slip is not None)
 
 
-def _seen(case: Case, fitted: Misfit | None) -> SeenRows:
-    """Return the rows of a case in which the tip was seen in each, the arm bent as it is as written."""
-    seen = SeenRows(case.arm, case.rows.q, case.rows.position, case.some, np.zeros((len(case.rows), 3)))
-    return seen if fitted is None else replace(seen, bent=(fitted.view.line.tip - seen.tips(seen.q))[:, :3, 3])
+def _seen(case: Case, fitted: Misfit | None) -> SeenRows | None:
+    """Return the rows of a case where the tip was seen in each, the arm bent as it is as written.
+
+    None where it was not, or where loops do not close as they are written.
+    """
+    if not case.rows.positioned.all():
+        return None
+    try:
+        tips = rigid_tips(case.arm.loaded(None), case.rows.q)
+    except ClosureError:
+        return None
+    bent = np.zeros((len(tips), 3)) if fitted is None else (fitted.view.line.tip - tips)[:, :3, 3]
+    tips[:, :3, 3] += bent
+    return SeenRows(case.arm, case.rows.q, case.rows.position, case.some, bent, tips)
 
 
 def _of_one_session(seen: SeenRows, case: Case) -> SeenRows:
@@ -575,54 +557,51 @@ def _of_one_session(seen: SeenRows, case: Case) -> SeenRows:
     return seen.some(rows[_spread(len(rows), 20 * FEW)])
 
 
-def _nearest(
-    moving: Sequence[tuple[Misreading, Case]], seen: SeenRows, case: Case, fitted: Misfit | None
-) -> Iterator[Candidate]:
+def _nearest(moving: Sequence[Misreading], seen: SeenRows, case: Case, fitted: Misfit | None) -> Iterator[Misreading]:
     """Yield the hypotheses that bring points nearest to their places, in all rows, in a session or in some rows.
 
-    They move points by parts of the reach, and explain nothing where the arm, only placed, comes no nearer.
+    They move points by parts of the reach, and explain nothing where the arm, only placed, comes no nearer. One in
+    which a loop does not close is none.
 
     Args:
-        moving: Hypotheses, and the case as each has it.
+        moving: Hypotheses.
         seen: The rows of the case as written.
         case: It.
         fitted: How it fits.
     """
-    here, there = seen.tips(seen.q), seen.tips(np.array([other.rows.q for _, other in moving]))
-    at = np.array([other.rows.position for _, other in moving])
-    for i, (_, other) in enumerate(moving):
-        if other.arm.robot is not case.arm.robot:
-            there[i] = seen.tips(other.rows.q, other.arm)
-    sessions, unknown = case.sessions, case.arm.measurement.frame != "base"
-    names = list(dict.fromkeys(sessions.tolist())) if len(set(case.rows.session)) > 1 else []
-    of_session = [sessions == name for name in names]
+    sessions = case.sessions
+    of_session = [sessions == name for name in dict.fromkeys(sessions.tolist())]
     if fitted is not None:
         of_session = [rows for rows in of_session if fitted.explained.excess[rows].sum() > NAMED]
-    looked: list[tuple[int, np.ndarray | None]] = [(i, None) for i in range(len(moving))]
-    in_some = [i for i, (hypothesis, _) in enumerate(moving) if hypothesis.some]
-    for i, nearer in zip(in_some, seen.nearer(here, there[in_some], at[in_some]), strict=True):
-        looked += [(i, mask) for mask in (*of_session, nearer) if 0 < mask.sum() < len(mask)]
-    prices = [_charge(case, moving[i][0], mask)[1] for i, mask in looked]
     thin = _spread(len(sessions), 20 * FEW)
-    masks = np.array([np.ones(len(sessions), bool) if mask is None else mask for _, mask in looked])[:, thin]
-    places = [i for i, _ in looked]
-    tips = np.where(masks[:, :, None, None], there[:, thin][places], here[thin])
-    points = np.where(masks[:, :, None], at[:, thin][places], seen.at[thin])
-    anywhere = [moving[i][1].arm.measurement.frame != "base" if mask is None else unknown for i, mask in looked]
-    few = seen.some(thin)
-    before = LOOKS / 3.0 * float(few.cost(few.placed(few.q).left))
-    for free in set(anywhere):
-        chosen = np.flatnonzero(np.array(anywhere) == free)
-        left, *_ = few.placed_tips(tips[chosen], points[chosen], unknown=free)
-        for number, cost in zip(chosen.tolist(), few.cost(left).tolist(), strict=True):
-            prices[number] += LOOKS / 3.0 * cost
-    order = np.argsort(prices, kind="stable")
-    # What a placed arm shows as well is told apart by what else was read: all mirrored frames, say, by orientations.
-    limit = min(prices[order[min(FEW, len(order)) - 1]] + EVEN, before) if len(order) else before
-    yield from ((moving[looked[i][0]][0], looked[i][1]) for i in order.tolist() if prices[i] <= limit)
+    few, ways = seen.some(thin), list[tuple[Misreading, Array, Array, bool]]()
+    for hypothesis in moving:
+        meant = case.meant(hypothesis)
+        with suppress(ClosureError):
+            driven_so = hypothesis.arm is None and meant.rows.q is case.rows.q
+            there, at = seen.tip if driven_so else seen.tips(meant.rows.q, meant.arm), meant.rows.position
+            unknown = meant.arm.measurement.frame != "base"
+            ways.append((hypothesis, there[thin], at[thin], unknown))
+            for rows in (*of_session, seen.nearer(there, at)) if hypothesis.some else ():
+                if 0 < rows.sum() < len(rows):
+                    tips = np.where(rows[thin, None, None], there[thin], few.tip)
+                    points = np.where(rows[thin, None], at[thin], few.at)
+                    ways.append((replace(hypothesis, where=rows), tips, points, unknown))
+    if not ways:
+        return
+    prices = np.array([_charge(case, way[0])[1] for way in ways])
+    for unknown in {way[3] for way in ways}:
+        alike = [number for number, way in enumerate(ways) if way[3] == unknown]
+        tips, points = (np.array([ways[number][part] for number in alike]) for part in (1, 2))
+        prices[alike] += LOOKS / 3.0 * few.cost(few.placed_tips(tips, points, unknown=unknown).left[:, 0])
+    order = np.argsort(prices, kind="stable").tolist()
+    # What a placed arm shows as well is told apart by what else was read: mirrored frames, say, by orientations.
+    before = LOOKS / 3.0 * float(few.cost(few.placed(few.q[None]).left[0, 0]))
+    limit = min(prices[order[min(FEW, len(order)) - 1]] + EVEN, before)
+    yield from (ways[number][0] for number in order if prices[number] <= limit)
 
 
-def _apart(case: Case, fitted: Misfit) -> Iterator[Candidate]:
+def _apart(case: Case, fitted: Misfit) -> Iterator[Misreading]:
     """Yield that the target is at another place with each payload, or with each text of another column."""
     view, rows = fitted.view, case.rows
     texts = {"payload": rows.payload} | {
@@ -641,79 +620,40 @@ def _apart(case: Case, fitted: Misfit) -> Iterator[Candidate]:
         after = fitted.linear.beside(steps, np.ones(3 * len(others))).explained()
         shifts = dict(zip(others, after.step[-3 * len(others) :].reshape(-1, 3), strict=True))
         hypothesis = targets_apart(case.arm, column, texts_in, shifts)
-        if after.cost + _charge(case, hypothesis, None)[1] < fitted.cost:
-            yield hypothesis, None
+        if after.cost + _charge(case, hypothesis)[1] < fitted.cost:
+            yield hypothesis
 
 
-def _first_order(others: Sequence[Misreading], case: Case, fitted: Misfit) -> Iterator[Candidate]:
+def _first_order(others: Iterable[Misreading], case: Case, fitted: Misfit) -> Iterator[Misreading]:
     """Yield the hypotheses that explain most to first order, in all or some rows, of what each is about a few.
 
-    They are of loads, softness, noise or the numbers of a sensor. One that has no first order is yielded as it is: a
-    sensor that stands elsewhere or reads something else, or that was turned.
+    They are of loads, softness, noise or the numbers of a sensor. One in which a sensor stands elsewhere or reads
+    something else is yielded as it is: what is free of that sensor is another thing then.
     """
-    linear, places = fitted.linear, fitted.view.readings.slices
-    gained, changes, of_change = list[tuple[float, Candidate]](), list[Array](), list[Candidate]()
+    view, priced = fitted.view, list[tuple[float, int, Misreading]]()
     for hypothesis in others:
-        other = case.meant(hypothesis)
-        pairs = list(zip(fitted.kinds, other.rows.readings.kinds, strict=True))
-        if hypothesis.of in case.arm.sensors:
-            number = [i for i, (kind, read) in enumerate(pairs) if kind.values is not read.values and kind.name]
-            if other.arm is not case.arm or len(number) != 1 or isinstance(fitted.kinds[number[0]], Orientation):
-                yield hypothesis, None
-                continue
-            change = np.zeros_like(fitted.view.residual)
-            change[:, places[number[0]]] = pairs[number[0]][0].values - pairs[number[0]][1].values
-        elif (sigma := other.rows.readings.sigma) is not case.rows.readings.sigma and not np.array_equal(
-            sigma, fitted.view.sigma
-        ):
-            after = replace(linear, floor=np.maximum(sigma, least_sigma(fitted.view))).explained()
-            gained.append((fitted.cost - after.cost, (hypothesis, None)))
+        meant = case.meant(hypothesis)
+        if meant.arm.sensors is not case.arm.sensors:
+            yield hypothesis
             continue
-        else:
-            change = bent_otherwise(fitted.view, other.arm, other.rows.payload)
-            carrying = np.array(other.rows.payload) != np.array(case.rows.payload)
-            if hypothesis.some and (mask := _rows_of(change, carrying, fitted)).any():
-                changes.append(np.where(mask[:, None], change, 0.0))
-                of_change.append((hypothesis, mask))
-        changes.append(change)
-        of_change.append((hypothesis, None))
-    if changes:
-        gains = linear.gains(np.stack(changes, axis=2), fitted.explained)
-        gained += zip(gains.tolist(), of_change, strict=True)
-    priced = [(_charge(case, *candidate)[1] - gain, number) for number, (gain, candidate) in enumerate(gained)]
+        with suppress(ArmflexError):
+            setup = replace(view.setup, arm=replace(meant.arm, sensors=view.arm.sensors))
+            same = meant.rests_as(case)
+            line = view.line if same else solved(setup, meant.rows, view.rows, allow_large=True)
+            after = look(setup, meant.rows, line=line)
+            change, floor = view.residual - after.residual, np.maximum(after.sigma, least_sigma(after))
+            ways = [(change, hypothesis)]
+            carrying = np.array(meant.rows.payload) != np.array(case.rows.payload)
+            if hypothesis.some and (where := _rows_of(change, carrying, fitted)).any():
+                ways.append((np.where(where[:, None], change, 0.0), replace(hypothesis, where=where)))
+            for moved_by, way in ways:
+                gain = fitted.cost - replace(fitted.linear, floor=floor).explained(moved_by).cost
+                priced.append((_charge(case, way)[1] - gain, len(priced), way))
     ahead = Counter[str]()
-    for price, number in sorted(priced):
-        hypothesis, mask = gained[number][1]
+    for price, _, hypothesis in sorted(priced, key=lambda entry: entry[:2]):
         ahead[hypothesis.of] += 1
         if price < 0.0 and ahead[hypothesis.of] <= FEW:
-            yield hypothesis, mask
-
-
-def bent_otherwise(view: View, after: Arm, payload: Sequence[str]) -> Array:
-    """Return (M, d) by how much the readings of an arm change, to first order, if it were another.
-
-    Args:
-        view: The rows of the arm as it is.
-        after: The same links and joints under another gravity, with other payloads, or with other laws.
-        payload: (M,) what it then carries.
-    """
-    arm, pose = view.arm, view.pose_of(view.arm.robot.tip)
-    falls = view.gravity(np.stack([arm.robot.gravity, after.robot.gravity]))
-    change = view.by_gravity @ (falls[:, 1] - falls[:, 0])[..., None]
-    names = zip((view.driven.payload[row] for row in view.rows), payload, strict=True)
-    carried = [(arm.payload(before), after.payload(now)) for before, now in names]
-    mass = np.array([now.mass - before.mass for before, now in carried])[:, None]
-    moment = np.array([now.mass * now.com - before.mass * before.com for before, now in carried])
-    lever = (pose[:, :3, :3] @ moment[..., None])[..., 0]
-    if mass.any() or moment.any():
-        weight = np.concatenate([mass * falls[:, 1], np.cross(lever, falls[:, 1])], axis=1)
-        change = change + view.to_load(arm.robot.tip) @ weight[..., None]
-    if after.flexures is not arm.flexures:
-        loads = view.line.flexure_wrenches
-        twists = after.stack.twists(loads.reshape(len(loads), -1), view.line.row) - view.line.flexure_twists
-        twists = twists.reshape(loads.shape)
-        change = change + view.answer(lambda line: np.einsum("nifj,nfj->ni", line.laws, twists)[..., None])
-    return change[..., 0]
+            yield hypothesis
 
 
 def _likeliest_turns(turned: Sequence[Misreading], case: Case, fitted: Misfit | None) -> list[Misreading]:

@@ -42,7 +42,7 @@ USUAL_PRIOR = Prior(joint_offset=2e-3, compliance=0.3, tool=0.01, geometry=1e-3)
 """Priors: what is usually open of an arm where nobody says."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Misreading:
     """A convention that the campaign or the arm file may have been written in.
 
@@ -59,6 +59,7 @@ class Misreading:
         whole: Whether it is named only where it explains most of what is left: it has numbers that readings gave.
         volume: Logarithm of the factor by which it stretches what is read, the mean over its numbers: numbers that
             shrink fit anything, and are no likelier for that.
+        where: (M,) in which of the rows looked at it holds; None for all.
         of_rows: Whether some rows are rewritten as they are among all: it is not about the order of the rows.
     """
 
@@ -73,6 +74,7 @@ class Misreading:
     of_rows: bool = True
     whole: bool = False
     volume: float = 0.0
+    where: np.ndarray | None = None
 
 
 def misreadings(arm: Arm, measurements: Measurements, suspects: Sequence[str | None] = ()) -> Iterator[Misreading]:
@@ -117,18 +119,15 @@ def _of_joints(arm: Arm) -> Iterator[Misreading]:
     signs = np.where(turning, -1.0, 1.0)
     remedy = "turn all their signs, or the axes in the URDF: the base, or the whole arm, is mirrored"
     yield Misreading("the signs of all turning joints are turned", remedy, joints_as(np.diag(signs)))
-    for place, what in [([i], f"q_{joints[i]} is") for i in every] + [(every, "the turning joints are")]:
-        if len(place) == 1 or len(every) > 1:
-            head = f"q_{joints[place[0]]}_deg" if len(place) == 1 else "q_..._deg"
-            scaled_places = np.isin(np.arange(len(at)), place)
-            for unit, factor in (("degrees", np.pi / 180.0), ("radians", 180.0 / np.pi)):
-                remedy = f"write {head} into the header" if unit == "degrees" else "take _deg from the header"
-                yield Misreading(
-                    f"{what} in {unit}",
-                    remedy,
-                    joints_as(np.diag(np.where(scaled_places, factor, 1.0))),
-                    some=len(place) > 1,
-                )
+    columns = [(np.array([i]), f"q_{joints[i]} is", f"q_{joints[i]}_deg") for i in every]
+    columns += [(np.array(every), "the turning joints are", "q_..._deg")] if len(every) > 1 else []
+    for places, what, head in columns:
+        for unit, factor, remedy in (
+            ("degrees", np.pi / 180.0, f"write {head} into the header"),
+            ("radians", 180.0 / np.pi, "take _deg from the header"),
+        ):
+            scale = joints_as(np.diag(np.where(at[places].any(axis=0), factor, 1.0)))
+            yield Misreading(f"{what} in {unit}", remedy, scale, some=len(places) > 1)
     if arm.robot.urdf.dh:
         other = in_other_form(arm.robot)
         name, remedy = f"the rows of [robot.joint] are of the {other.urdf.dh} form", f'write dh = "{other.urdf.dh}"'
@@ -166,7 +165,8 @@ def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Misreading]:
         still = listing(np.array(list("xyz"))[fixed].tolist())
         name = f"{still} {'was' if fixed.sum() == 1 else 'were'} not read, as the same number is in every row"
         remedy = 'declare what was read as [instrument.NAME], such as kind = "height" in the column NAME'
-        yield Misreading(name, remedy, _read(lambda kind, _: _without(kind, fixed)))
+        unread = _of_kind("", Position, lambda kind, _: replace(kind, sigma=np.where(fixed, np.inf, kind.sigma)))
+        yield Misreading(name, remedy, unread)
     smaller = "write sigma_mm into the header"
     yield Misreading("sigma is in mm", smaller, lambda rows: replace(rows, sigma=1e-3 * rows.sigma), mistakes=2)
     yield from _of_axes(columns)
@@ -179,17 +179,24 @@ def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Misreading]:
 def _of_axes(columns: str) -> Iterator[Misreading]:
     """Yield that two of the axes x, y and z that were read are exchanged, or some of them reversed."""
     are = "are" if "," in columns else "is"
-    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
-        axes = np.eye(3)[list(order)] * np.array(signs)[:, None]
-        away, turned = ["xyz"[i] for i in range(3) if order[i] != i], ["xyz"[i] for i in range(3) if signs[i] < 0.0]
-        unread = any(axis not in columns for axis in (*away, *turned))
-        if len(away) + len(turned) in (1, 2) and not (away and turned) and not unread:
+    for axes, away, turned in _axes("xyz"):
+        read = all(axis in columns for axis in (*away, *turned))
+        if len(away) + len(turned) in (1, 2) and not (away and turned) and read:
             hand = f"{away[0]} and {away[1]} are exchanged" if away else f"{' and '.join(turned)} reversed"
-            name = f"{columns} {are} a left-handed frame's, {hand}" if np.linalg.det(axes) < 0.0 else f"{hand}"
+            left = np.linalg.det(axes) < 0.0
+            name = f"{columns} {are} a left-handed frame's, {hand}" if left else hand
             remedy = f"exchange {away[0]} and {away[1]}" if away else f"turn the sign of {' and '.join(turned)}"
-            proper = np.linalg.det(axes) > 0.0  # as a frame that stands elsewhere may be
-            mistakes = 3 if proper else max(len(turned), 1)
+            mistakes = max(len(turned), 1) if left else 3  # as a frame that stands elsewhere may be
             yield Misreading(name, remedy, _positions(axes), mistakes=mistakes, some=True)
+
+
+def _axes(names: Sequence[str]) -> Iterator[tuple[Array, list[str], list[str]]]:
+    """Yield each (n, n) exchange and reversal of some axes, the names of those elsewhere and of those reversed."""
+    count = len(names)
+    for order, signs in product(permutations(range(count)), product((1.0, -1.0), repeat=count)):
+        away = [name for i, name in enumerate(names) if order[i] != i]
+        turned = [name or "its sign" for name, sign in zip(names, signs, strict=True) if sign < 0.0]
+        yield np.eye(count)[list(order)] * np.array(signs)[:, None], away, turned
 
 
 def _columns_read(measurements: Measurements) -> str:
@@ -238,44 +245,38 @@ def _of_orientations() -> Iterator[Misreading]:
     """Yield what may have been written into rx, ry, rz instead of a rotation vector in the unit of the header."""
     from scipy.spatial.transform import Rotation  # not needed to import the package
 
+    def euler(axes: str, columns: Sequence[int]) -> Callable[[Array], Rotation]:
+        return lambda values: Rotation.from_euler(axes, values[:, columns])
+
     forms: dict[str, tuple[Callable[[Array], Rotation], str]] = {
-        "a rotation vector": (Rotation.from_rotvec, ""),
+        "": (Rotation.from_rotvec, ""),
         "a quaternion's x, y, z": (_from_quaternion, ""),
     }
     for order in (*permutations("xyz"), *((a, b, a) for a, b in permutations("xyz", 2))):
-        for axes in ("".join(order), "".join(order).upper()):
-            about = "fixed" if axes.islower() else "turning"
-            if len(set(order)) == 3 and axes.lower() != "xyz":
-                named = ["xyz".index(axis) for axis in order]  # rx is the angle about x, whenever it is turned
-                forms[f"Euler angles about {about} axes in the order {axes}"] = (
-                    (lambda values, axes=axes, named=named: Rotation.from_euler(axes, values[:, named])),
-                    axes,
-                )
-            forms[f"Euler angles {axes}, in the order of turning about {about} axes"] = (
-                (lambda values, axes=axes: Rotation.from_euler(axes, values)),
-                axes,
-            )
-    for (form, (made, axes)), back, (unit, factor) in product(
+        for axes, about in (("".join(order), "fixed"), ("".join(order).upper(), "turning")):
+            if len(set(order)) == 3 and axes.lower() != "xyz":  # rx is the angle about x, whenever it is turned
+                columns = ["xyz".index(axis) for axis in order]
+                forms[f"Euler angles about {about} axes in the order {axes}"] = euler(axes, columns), axes
+            forms[f"Euler angles {axes}, in the order of turning about {about} axes"] = euler(axes, range(3)), axes
+    for (form, (turned, axes)), back, (unit, factor) in product(
         forms.items(), (False, True), (("", 1.0), ("degrees", np.pi / 180.0), ("radians", 180.0 / np.pi))
     ):
-        wrong = [form] if form != "a rotation vector" else []
-        wrong += ["the other way about (of the instrument in the target)"] if back else []
-        wrong += [f"in {unit}"] if unit else []
-        if wrong and not (unit and form.startswith("a quaternion")):
-            remedy = "take _deg from the header" if unit == "radians" else "write the unit into the header: rx_deg"
-            if form != "a rotation vector" or back:
-                remedy = f"write rotation vectors, say by scipy's Rotation.from_euler({axes!r}, ...).as_rotvec()"
-                remedy = remedy if axes else "write its rotation vector" + ", of the target in the instrument" * back
+        wrong = [form] * bool(form) + ["the other way about (of the instrument in the target)"] * back
+        wrong += [f"in {unit}"] * bool(unit)
+        if not wrong or (unit and form.startswith("a quaternion")):
+            continue
+        remedy = "take _deg from the header" if unit == "radians" else "write the unit into the header: rx_deg"
+        if axes:
+            remedy = f"write rotation vectors, say by scipy's Rotation.from_euler({axes!r}, ...).as_rotvec()"
+        elif form or back:
+            remedy = "write its rotation vector" + ", of the target in the instrument" * back
 
-            def rewritten(
-                values: Array, made: Callable[[Array], Rotation] = made, back: bool = back, by=factor
-            ) -> Array:
-                turns = made(by * values)
-                return (turns.inv() if back else turns).as_rotvec()
+        def rewritten(kind: Kind, _: Measurements, turned=turned, back: bool = back, by: float = factor) -> Kind:
+            turns = turned(by * kind.values)
+            return replace(kind, values=(turns.inv() if back else turns).as_rotvec())
 
-            name = f"rx, ry, rz are {', '.join(wrong)}"
-            change = _values("", rewritten, Orientation)
-            yield Misreading(name, remedy, change, mistakes=len(wrong), of="orientation")
+        change, name = _of_kind("", Orientation, rewritten), f"rx, ry, rz are {', '.join(wrong)}"
+        yield Misreading(name, remedy, change, mistakes=len(wrong), of="orientation")
 
 
 def _from_quaternion(vectors: Array) -> Rotation:
@@ -294,24 +295,19 @@ def _of_sensor(kind: Kind, arm: Arm, measurements: Measurements) -> Iterator[Mis
     for unit, taken, factor in _factors(kind.unit):
         remedy = "write the unit into the header"
         what = f"what {kind.title} read fits better in {unit}, not {taken}"
-        change = _values(name, lambda values, by=factor: by * values)
+        change = _values(name, factor * np.eye(kind.dimension))
         yield Misreading(what, remedy, change, of=name, volume=float(np.log(factor)))
     if isinstance(kind, Acceleration):
         other = OPPOSITE[sensor.about or "gravity"]
         remedy, meant = f'write reads = "{other}"', _with(arm, replace(sensor, about=other))
         yield Misreading(f"{kind.title} reads the opposite", remedy, arm=meant, of=name)
-    places = range(kind.dimension)
-    for order, signs in product(permutations(places), product((1.0, -1.0), repeat=kind.dimension)):
-        away = [kind.channels[i] for i in places if order[i] != i]
-        turned = [kind.channels[i] or "its sign" for i in places if signs[i] < 0.0]
+    for axes, away, turned in _axes(kind.channels):
         if away or turned:
             words = [f"{' and '.join(away)} {'swapped' if len(away) == 2 else 'exchanged in turn'}"] if away else []
             words += [f"{' and '.join(turned)} reversed"] if turned else []
-            axes = np.eye(kind.dimension)[list(order)] * np.array(signs)[:, None]
             what = f"what {kind.title} read fits better with {', '.join(words)}"
-            change = _values(name, lambda values, by=axes: values @ by.T)
             mistakes = len(away) // 2 + len(turned)
-            yield Misreading(what, "write its columns so", change, mistakes=mistakes, of=name)
+            yield Misreading(what, "write its columns so", _values(name, axes), mistakes=mistakes, of=name)
     for other in measurements.readings.kinds:
         if other.name != name and type(other) is type(kind) and not isinstance(kind, Orientation):
             first, last = sorted([name, other.name])
@@ -373,23 +369,18 @@ def moved(
     remedy += ", and session_target under [prior]" if name == "target" else ""
     more = {"of": name or "points", "slip": float(np.linalg.norm(step))}
     if name != "target":
-        back = _values(name, lambda values: values - rows[:, None] * step, Kind if name else Position)
+        of, motion = Kind if name else Position, rows[:, None] * step
+        back = _of_kind(name, of, lambda kind, _: replace(kind, values=kind.values - motion))
         yield Misreading(text, remedy, back, **more)
     if name in ("", "target"):
-        renamed = tuple(
-            f"{session} moved" if late else session for session, late in zip(sessions, rows.tolist(), strict=True)
-        )
+        late = " moved"
+        renamed = tuple(f"{session}{late}" if there else session for session, there in zip(sessions, rows, strict=True))
         if name == "target":
             instrument = arm.instrument or Instrument()
-            before = {
-                session: instrument.targets.get(session.removesuffix(" moved"), np.zeros(6)) for session in renamed
-            }
-            after = {
-                session: here + np.append(step, np.zeros(3))
-                for session, here in before.items()
-                if session.endswith(" moved")
-            }
-            arm = replace(arm, instrument=replace(instrument, targets=before | after))
+            targets = {session: instrument.targets.get(session.removesuffix(late), np.zeros(6)) for session in renamed}
+            step = np.append(step, np.zeros(3))
+            targets = {session: at + step * session.endswith(late) for session, at in targets.items()}
+            arm = replace(arm, instrument=replace(instrument, targets=targets))
         yield Misreading(text, remedy, lambda measurements: replace(measurements, session=renamed), arm, **more)
 
 
@@ -413,25 +404,18 @@ def _read(change: Callable[[Kind, Measurements], Kind]) -> Rewriting:
     return rewritten
 
 
-def _values(name: str, change: Callable[[Array], Array], of: type[Kind] = Kind, sigma: float = 1.0) -> Rewriting:
-    """Return the change of what one instrument read, of one kind, and the factor on its standard deviations."""
-    return _read(
-        lambda kind, _: (
-            replace(kind, values=change(kind.values), sigma=sigma * kind.sigma)
-            if kind.name == name and isinstance(kind, of)
-            else kind
-        )
-    )
+def _of_kind(name: str, of: type[Kind], change: Callable[[Kind, Measurements], Kind]) -> Rewriting:
+    """Return the rewriting of what one instrument read, of one kind; '' is that of the tip."""
+    return _read(lambda kind, rows: change(kind, rows) if kind.name == name and isinstance(kind, of) else kind)
 
 
-def _without(kind: Kind, fixed: np.ndarray) -> Kind:
-    """Return a kind as it is, but positions of the tip without (3,) some coordinates."""
-    tip = isinstance(kind, Position) and not kind.name
-    return replace(kind, sigma=np.where(fixed, np.inf, kind.sigma)) if tip else kind
+def _values(name: str, by: Array, of: type[Kind] = Kind, sigma: float = 1.0) -> Rewriting:
+    """Return the change of what one instrument read to a (d, d) matrix times it, and the factor on its noise."""
+    return _of_kind(name, of, lambda kind, _: replace(kind, values=kind.values @ by.T, sigma=sigma * kind.sigma))
 
 
 def _positions(by: Array, sigma: float = 1.0) -> Rewriting:
-    return _values("", lambda values: values @ by.T, Position, sigma)
+    return _values("", by, Position, sigma)
 
 
 def _exchanged(first: str, other: str) -> Rewriting:

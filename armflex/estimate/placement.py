@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -13,6 +13,7 @@ from armflex.arm import Arm, Setup
 from armflex.conventions import RESOLUTION, TWIST_NAMES, Array
 from armflex.errors import ConventionError, IdentifiabilityError
 from armflex.estimate.robust import outlier_limit
+from armflex.estimate.seen_rows import place_target
 from armflex.estimate.view import postures, solved
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.response import Response
@@ -20,11 +21,9 @@ from armflex.readings import Position, Touch, sockets_of
 from armflex.readings.end import rigid_motion
 from armflex.readings.instrument import (
     ROUNDS,
-    SAME,
     Instrument,
     fit_frame,
     fit_mounting,
-    middle_length,
     motion_of,
     rigid_fit,
 )
@@ -159,8 +158,13 @@ def placed_rigidly(
     names = list(dict.fromkeys(sessions.tolist()))
     groups = [np.flatnonzero(sessions == name) for name in names]
     groups = {name: group for name, group in zip(names, groups, strict=True) if len(group) >= FEWEST_ROWS}
-    if axes is not None and setup.arm.prior.tool:
-        points = points + axes @ _target_off(points, axes, seen, list(groups.values()), setup.arm.prior.tool)
+    if axes is not None and setup.arm.prior.tool and groups:
+        counted = np.arange(max(map(len, groups.values()))) < np.array([[len(group)] for group in groups.values()])
+        places = np.zeros(counted.shape, dtype=int)
+        places[counted] = np.concatenate(list(groups.values()))
+        every = points[None, places], axes[None, places], seen[None, places]
+        target = place_target(*every, setup.arm.prior.tool, counted, rounds=ROUNDS)
+        points = points + axes @ (target.target[0] * target.moved[0])
     fits: dict[str, tuple[pin.SE3, float]] = {}
     for name, group in groups.items():
         turn, shift, rms = rigid_fit(points[group], seen[group])
@@ -178,48 +182,6 @@ def placed_rigidly(
     for name in dict.fromkeys(sessions[~near].tolist()):
         instrument = instrument.with_session(name, motion_of(fits[name][0] * instrument.pose.inverse()))
     return replace(placed, instrument=instrument)
-
-
-def _target_off(points: Array, axes: Array, seen: Array, groups: Sequence[np.ndarray], std: float) -> Array:
-    """Return (3,) how far the target is from where points have it, in tip axes [m], frames of all sessions free.
-
-    Zero unless that is most of what frames leave, beyond chance: little of it does not mislead them. Gauss and
-    Newton's steps, the frames projected out of them (Golub and Pereyra 1973), lost beams weighed down.
-
-    Args:
-        points, axes: (M, 3) the target [m] and (M, 3, 3) the tip's axes, in the base.
-        seen: (M, 3) where it was seen [m].
-        groups: Numbers of each session's points.
-        std: One standard deviation of it, each axis [m].
-    """
-    target, first, squares = np.zeros(3), np.inf, 0.0
-    if not groups:
-        return target
-    counted = np.arange(max(map(len, groups))) < np.array([[len(group)] for group in groups])
-    places = np.zeros(counted.shape, dtype=int)
-    places[counted] = np.concatenate(list(groups))
-    points, axes, seen = points[places], axes[places], seen[places]
-    for number in range(ROUNDS):
-        here = points + axes @ target
-        turn, shift, _ = rigid_fit(here, seen, counted)
-        there = here @ turn.swapaxes(1, 2)
-        left = seen - there - shift[:, None]
-        length = np.linalg.norm(left, axis=2)
-        limit = 2.0 * np.maximum(middle_length(length, counted), RESOLUTION)[:, None]
-        weights = np.where(counted, np.minimum(1.0, limit / np.maximum(length, RESOLUTION)), 0.0)[:, :, None, None]
-        motion = rigid_motion(there.reshape(-1, 3)).reshape(*places.shape, 3, 6)
-        frame = np.linalg.qr((weights * motion).reshape(len(groups), -1, 6))[0]
-        column = (weights * (turn[:, None] @ axes)).reshape(len(groups), -1, 3)
-        column = (column - frame @ (frame.swapaxes(1, 2) @ column)).reshape(-1, 3)
-        error = (weights[..., 0] * left).ravel()
-        squares = float(error @ error)
-        noise = max(squares / (3.0 * counted.sum()), RESOLUTION**2) / std**2
-        first = squares if number == 0 else first
-        step = np.linalg.solve(column.T @ column + noise * np.eye(3), column.T @ error - noise * target)
-        target = target + step
-        if np.linalg.norm(step) < SAME * std:
-            break
-    return target if outlier_limit(1) ** 2 * squares < first else np.zeros(3)
 
 
 def _moved(points: Array, pose: pin.SE3) -> Array:

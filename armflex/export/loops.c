@@ -252,8 +252,6 @@ int NAME_compensate(const double *q, int payload, double *out)
         }
         ask.end = m.table.elements + 20 * ELEMENTS;
         ask.joints = each;
-        ask.tangent_rows = 1;
-        ask.tangents = m.compliance;
         engine_respond(&m.table, 1, at, m.flexed, m.twists, m.forces, m.idles, &ask, m.room);
         memcpy(jacobian, each, sizeof jacobian);
         length = aim(q, goal, tip, jacobian, jump, change);

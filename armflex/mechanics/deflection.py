@@ -580,7 +580,8 @@ class DeflectionBatch(_Result[Array]):
                 pushes = Pushes(loaded, self.case.some(some).wrenches)
                 at = (self.q[some], self.twists[some])
                 pushed = (pushes.links, pushes.wrenches(*at), NO_CHANGES)
-                found[some] = responded(loaded.chain, "loads", loaded.flexure_frames, *at, pushed)[:, :-1]
+                loads = responded(loaded.chain, ("loads",), *at, sites=loaded.flexure_frames, pushed=pushed)["loads"]
+                found[some] = loads[:, :-1]
         return found
 
     @cached_property
@@ -588,7 +589,8 @@ class DeflectionBatch(_Result[Array]):
         """(N, n_flexures, 6) first-order share of each flexure in the displacement [m, rad]."""
         found = np.empty_like(self.twists)
         for loaded, rows in self._compiled:
-            poses = responded(loaded.chain, "poses", loaded.flexure_frames, self.q[rows], self.twists[rows])
+            at = self.q[rows], self.twists[rows]
+            poses = responded(loaded.chain, ("poses",), *at, bodies=loaded.flexure_frames)["poses"]
             # To go on along a twist is to move by it: exp6's derivative leaves it as it is.
             turns, origins, tip = poses[:, :-1, :3, :3], poses[:, :-1, :3, 3], poses[:, -1:, :3, 3]
             shift, turn = ((turns @ part[..., None])[..., 0] for part in np.split(self.twists[rows], 2, axis=2))
@@ -607,7 +609,7 @@ class DeflectionBatch(_Result[Array]):
             at = (self.q[rows], self.twists[rows])
             links = loaded.sites.some([loaded.sites.names.index(f"link:{joint.name}") for joint in moving])
             pushed = pushes.links, pushes.wrenches(*at), NO_CHANGES
-            loads = responded(loaded.sited_chain, "loads", links, *at, pushed)
+            loads = responded(loaded.sited_chain, ("loads",), *at, sites=links, pushed=pushed)["loads"]
             found[rows] = np.einsum("nja,ja->nj", loads, axes)
         for i in self._others:
             found[i] = self.row(i).drive_loads

@@ -286,22 +286,6 @@ class RowLaws:
         known = self._known.get(id(law))
         return law.tangent(loads, self._row) if known is None else known
 
-    def tangents(self, loads: Array) -> Array:
-        """Return the (1 or N, n, 6, 6) tangents of all laws of a flexure together under (N, n, 6) loads.
-
-        Where laws are curved they must have been expanded about these.
-        """
-        if not self.bent:
-            return self.compliance
-        total = np.broadcast_to(self.compliance, (len(loads), *self.compliance.shape[1:])).copy()
-        neurons, starts = self._same.neurons, self._same.starts
-        for i in range(len(starts) - 1):
-            own = neurons[starts[i] : starts[i + 1]]
-            total[:, i] += Neurons(own[:, :6], own[:, 6], own[:, 7:]).tangent(loads[:, i])
-        for t, (i, _, term) in enumerate(self._stack.bent):
-            total[:, i] += self.weights[:, t, None, None] * term.tangent(loads[:, i])
-        return total
-
 
 def _renewed(array: Array, same: Array, count: int) -> Array:
     """Return the array, or one of `count` rows where it has another number, filled with the one row of `same`."""

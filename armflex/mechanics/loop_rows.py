@@ -265,12 +265,12 @@ class LoopSolver:
         return into
 
 
-def responding(loaded: LoadedArm, rows: np.ndarray, case: LoadCase, rested: Rested, tangents: Array) -> ManyRows:
+def responding(loaded: LoadedArm, rows: np.ndarray, case: LoadCase, rested: Rested, laws: Laws) -> ManyRows:
     """Return rows that rest as the engine found, or as `LoopSolver.fill` has them."""
     state: State = (rested.flexed, rested.forces, rested.idle)
     tree = trees(loaded)[2]
     pushed = Pushes(loaded, case.wrenches, sited=True).at(case.q, rested.twists, tree, state)
-    return ManyRows(loaded, tree, rows, pushed, tangents, state)
+    return ManyRows(loaded, tree, rows, pushed, laws, state)
 
 
 def solver_of(loaded: LoadedArm, wrenches: tuple[Wrench, ...]) -> LoopSolver:

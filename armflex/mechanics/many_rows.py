@@ -8,11 +8,11 @@ Every law and every load is asked once a round for all rows.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -24,7 +24,7 @@ from armflex.laws.effects.context import MASS
 from armflex.mechanics.certificate import SHARE, StabilityBound
 from armflex.mechanics.chain import Frames
 from armflex.mechanics.engine.binding import NO_LINKS, NO_WRENCHES, Engine, OneRow
-from armflex.mechanics.engine.tables import NO_CHANGES, Tree
+from armflex.mechanics.engine.tables import NO_CHANGES, Laws, Tree
 from armflex.mechanics.laws import LawStack, RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
 from armflex.mechanics.mechanism import Rest
@@ -44,7 +44,6 @@ SETTLED = 3e-14
 NO_FACTORS = np.zeros(0)
 UNMOVED = np.eye(4)
 NO_FRAMES = Frames((), np.zeros((2, 0), dtype=np.int64), np.zeros((0, 12)))
-NO_TANGENTS = np.zeros((0, 0, 6, 6))
 
 Pushed = tuple[np.ndarray, Array, Array]
 """Links, (1 or N, L, 9) wrenches and (0 or N, L, 6, 6) changes of them; see `Pushes`."""
@@ -162,7 +161,7 @@ class Pushes:
 
     def _poses(self, q: Array, twists: Array | None, tree: Tree | None, state: State | None) -> Array:
         at = np.zeros((len(q), len(self._chain.flexures), 6)) if twists is None else twists
-        return responded(tree or self._chain, "poses", self._frames, q, at, state=state)
+        return responded(tree or self._chain, ("poses",), q, at, bodies=self._frames, state=state)["poses"]
 
     def at(self, q: Array, twists: Array, tree: Tree | None = None, state: State | None = None) -> Pushed:
         """Return links, wrenches and their changes where the arm is."""
@@ -177,46 +176,51 @@ def turned(before: Array, after: Array) -> Array:
 
 def responded(
     tree: Tree,
-    what: str,
-    frames: Frames,
+    what: Collection[str],
     q: Array,
     twists: Array,
+    *,
+    sites: Frames = NO_FRAMES,
+    bodies: Frames = NO_FRAMES,
+    laws: Laws | None = None,
     pushed: Pushed = NOT_PUSHED,
-    tangents: Array = NO_TANGENTS,
     state: State | None = None,
-    by_load: Array | None = None,
     end: Frames | None = None,
     behind: int = 0,
-    distance: Array | None = None,
-) -> Array:
-    """Return one thing about an arm that is flexed in N rows; see `engine_respond`.
+    into: Mapping[str, Array] | None = None,
+) -> dict[str, Array]:
+    """Return what is asked about an arm that is flexed in N rows, all of it in one pass; see `Engine.respond`.
 
     Args:
         tree: The arm.
-        what: "poses" (N, f, 4, 4); "loads" (N, s, 6) on all that a twist at a frame moves, its axes; or a motion of the
-            tip: "laws" (N, 6, n, 6), "joints" (N, 6, nq), "sites" (N, 6, s, 6) by twists at the frames, "motions"
-            (N, f, 6, 6) by wrenches at their origins.
-        frames: f of its frames.
+        what: "poses" (N, b, 4, 4) of bodies; "loads" (N, s, 6) on all that a twist at a site moves, its axes;
+            "distance" (N,), by how much less than 1 the stiffness of a direction may be; or motions of the tip: "laws"
+            (N, 6, n, 6) by a flexure's twist, "per_load" (N, 6, n, 6) by the load on it, "joints" (N, 6, nq),
+            "at_sites" (N, 6, s, 6) by twists there, "motions" (N, b, 6, 6) by wrenches at the origins of bodies.
         q, twists: (N, nq) and (N, n, 6) of joints and flexures.
+        sites, bodies: Frames of the arm.
+        laws: Of its flexures; none are needed for poses and loads.
         pushed: What pulls at its links.
-        tangents: (1 or N, n, 6, 6) of its laws.
         state: (N, p) passive joints, (N, m) forces in closures and (N, m, m) what nothing answers to; None of a chain.
-        by_load: (N, 6, n, 6) motion of the tip per load on a flexure, where it is known and loops do not matter.
         end: The one frame that is meant by the tip, where it is another.
-        behind: How many closures and pins there are behind the frames in s.
-        distance: (N,) to be filled: by how much less than 1 the stiffness of a direction may be.
+        behind: How many closures and pins there are behind the sites in s.
+        into: Arrays to be filled, by name; what is not there is made.
     """
-    count, f, s, at = len(q), len(frames.numbers), len(frames.numbers) + behind, tree.elements[-1, :16]
-    shapes: dict[str, tuple[int, ...]] = {"laws": (6, *twists.shape[1:]), "joints": (6, q.shape[1]), "sites": (6, s, 6)}
-    shapes |= {"motions": (f, 6, 6), "poses": (f, 4, 4), "loads": (s, 6)}
-    found = np.empty((count, *shapes[what]))
+    count, b, s, at = len(q), len(bodies.numbers), len(sites.numbers) + behind, tree.elements[-1, :16]
+    shapes: dict[str, tuple[int, ...]] = {"laws": (6, *twists.shape[1:]), "per_load": (6, *twists.shape[1:])}
+    shapes |= {"joints": (6, q.shape[1]), "at_sites": (6, s, 6), "loads": (s, 6), "distance": ()}
+    shapes |= {"motions": (b, 6, 6), "poses": (b, 4, 4)}
+    given = into or {}
+    found = {name: given[name] if name in given else np.empty((count, *shapes[name])) for name in what}
     if end is not None:
         at = np.concatenate([end.numbers[0], np.zeros(3), end.places[0, :1]])
     loose, forces, idle = state or (np.zeros((count, 0)), np.zeros((count, 0)), np.zeros((count, 0, 0)))
     rests = np.ascontiguousarray(q), loose, np.ascontiguousarray(twists), forces, idle
-    engine, asked = Engine.of(tree, count), "at_sites" if what == "sites" else what
+    engine = Engine.of(tree, count)
     engine.set_loads(*pushed, count)
-    engine.respond(asked, found, frames.places, frames.numbers, at, rests, tangents, by_load, distance, behind)
+    if laws is not None:
+        engine.set_laws(laws, count)
+    engine.respond(found, (sites.places, sites.numbers), (bodies.places, bodies.numbers), at, rests, behind)
     return found
 
 
@@ -229,7 +233,7 @@ class ManyRows:
         tree: Of it; the tool is an element of its own.
         rows: (M,) their numbers.
         pushed: What pulls at its links.
-        tangents: (1 or M, n, 6, 6) of its laws.
+        laws: Of its flexures there, those that are not known by terms expanded about their loads.
         state: See `responded`.
     """
 
@@ -237,47 +241,59 @@ class ManyRows:
     tree: Tree
     rows: np.ndarray
     pushed: Pushed
-    tangents: Array
+    laws: Laws
     state: State | None = None
 
     def among(self, number: np.ndarray) -> ManyRows:
         """Return those of its rows that have a (N,) number, under these numbers; -1 is none."""
         own = np.flatnonzero(number[self.rows] >= 0)
-        links, *arrays = *self.pushed, self.tangents, *(self.state or ())
-        wrenches, changes, tangents, *state = (
-            one[own] if len(one) > 1 or not len(self.rows) else one for one in arrays
+
+        def of(array: Array) -> Array:
+            return array[own] if len(array) > 1 or not len(self.rows) else array
+
+        links, wrenches, changes = self.pushed
+        laws, state = self.laws.some(own, len(self.rows)), self.state
+        at_rest = None if state is None else (of(state[0]), of(state[1]), of(state[2]))
+        return ManyRows(
+            self.loaded, self.tree, number[self.rows[own]], (links, of(wrenches), of(changes)), laws, at_rest
         )
-        pushed = links, wrenches, changes
-        at_rest = (state[0], state[1], state[2]) if state else None
-        return ManyRows(self.loaded, self.tree, number[self.rows[own]], pushed, tangents, at_rest)
 
-    def by_law(self, end: str | None, q: Array, twists: Array) -> Array:
-        """Return the (M, 6, n, 6) motion of an end per change of a flexure's twist law; None is the tip."""
-        return self.asked("laws", end, q, twists)
+    @cached_property
+    def place(self) -> slice | np.ndarray:
+        """Where its rows are among all, as a slice where they follow each other: that is not copied."""
+        return next(chunks(self.rows, len(self.rows) + 1), slice(0, 0))
 
-    def asked(self, what: str, end: str | None, q: Array, twists: Array, by_load: Array | None = None) -> Array:
-        """Return one thing about the rows; see `Response`, whose members have these names.
+    def asked(
+        self, what: Collection[str], end: str | None, q: Array, twists: Array, into: Mapping[str, Array] | None = None
+    ) -> dict[str, Array]:
+        """Return what is asked about the rows; see `responded`, of whose bodies these are the links.
 
         Args:
-            what: "tip" (M, 1, 4, 4), "links" (M, l, 4, 4), "loads" (M, s, 6); or of an end "laws" (M, 6, n, 6),
-                "joints" (M, 6, nq), "sites" (M, 6, s, 6), "motions" (M, l, 6, 6), "gravity" (M, 6, 3).
+            what: As there.
             end: The link that is meant, None for the tip.
             q, twists: (M, nq) and (M, n, 6) of joints and flexures.
-            by_load: (M, 6, n, 6) motion of that end per change of a flexure's wrench, where it is known.
+            into: As there.
         """
-        loaded, linkage, elements = self.loaded, self.loaded.arm.robot.linkage, self.tree.elements[:-1]
-        links, kind = loaded.link_frames, {"tip": "poses", "links": "poses", "gravity": "motions"}.get(what, what)
+        loaded, linkage = self.loaded, self.loaded.arm.robot.linkage
+        links, behind = loaded.link_frames, len(linkage.closures) + len(linkage.pins)
         at = None if end is None else links.some([links.names.index(end)])
-        if what == "gravity":  # on the centres of all masses
-            turns = np.tile(np.eye(3).ravel(), (len(elements), 1))
-            places = np.tile(np.arange(len(elements)), (2, 1))
-            links = Frames((), places, np.concatenate([turns, elements[:, 16:19]], axis=1))
-        frames = {"tip": loaded.tip_frame, "links": links, "motions": links, "gravity": links}.get(what, loaded.sites)
-        known = None if self.state is not None else by_load
-        behind = len(linkage.closures) + len(linkage.pins)
-        given = self.pushed, self.tangents, self.state, known, at, behind
-        found = responded(self.tree, kind, frames, q, twists, *given)
-        return found if what != "gravity" else np.einsum("nfba,f->nba", found[..., :3], elements[:, 15])
+        frames = {"sites": loaded.sites, "bodies": links, "behind": behind, "into": into}
+        return self._responded(what, q, twists, at, **frames)
+
+    def by_gravity(self, end: str | None, q: Array, twists: Array) -> Array:
+        """Return the (M, 6, 3) motion of an end per change of gravity, which acts on the centres of all masses."""
+        elements, links = self.tree.elements[:-1], self.loaded.link_frames
+        at = None if end is None else links.some([links.names.index(end)])
+        turns, places = np.tile(np.eye(3).ravel(), (len(elements), 1)), np.arange(len(elements))
+        centres = Frames((), np.array([places, places]), np.concatenate([turns, elements[:, 16:19]], axis=1))
+        found = self._responded(("motions",), q, twists, at, bodies=centres)["motions"]
+        return np.einsum("nfba,f->nba", found[..., :3], elements[:, 15])
+
+    def _responded(
+        self, what: Collection[str], q: Array, twists: Array, end: Frames | None, **frames: Any
+    ) -> dict[str, Array]:
+        given = {"laws": self.laws, "pushed": self.pushed, "state": self.state, "end": end}
+        return responded(self.tree, what, q, twists, **given, **frames)
 
 
 class RowSolver:
@@ -359,7 +375,7 @@ class RowSolver:
         """
         proven = np.zeros(len(row.q), dtype=bool)
         if bound is not None:
-            proven = fine & np.all((row.q >= self._lower) & (row.q <= self._upper), axis=1)
+            proven = fine & self.within_limits(row.q)
             if not bound.proven:
                 proven &= bound.stays(found.wrenches.reshape(len(proven), -1), laws.tangent)
         rest = np.flatnonzero(fine & ~proven)
@@ -368,6 +384,10 @@ class RowSolver:
                 laws.expand(np.where(fine[:, None, None], found.wrenches, 0.0))
             proven[rest] = self.linearise(row, laws, found, rest)[1] <= SHARE
         return proven
+
+    def within_limits(self, q: Array) -> np.ndarray:
+        """Return (N,) at which (N, nq) positions the bound holds."""
+        return np.all((q >= self._lower) & (q <= self._upper), axis=1)
 
     def linearise(self, row: Row, laws: RowLaws, found: Solution, some: np.ndarray) -> tuple[Array, Array]:
         """Return how the tip responds to changes of the laws in some rows, and how far its tangents are from rigid.
@@ -379,11 +399,10 @@ class RowSolver:
         Returns:
             (M, 6, n, 6), and (M,) norms of the tangents less the unit matrix: below 1 is a proof that it is stable.
         """
-        q, twists, distance = row.q[some], found.twists[some], np.empty(len(some))
-        tangents = laws.tangents(found.wrenches)
-        tangents = tangents if len(tangents) == 1 else tangents[some]
+        q, twists, numbers = row.q[some], found.twists[some], laws.numbers.some(some, len(row.q))
         pushed = self.pushes.some(some).at(q, twists)
-        return responded(self._chain, "laws", NO_FRAMES, q, twists, pushed, tangents, distance=distance), distance
+        answers = responded(self._chain, ("laws", "distance"), q, twists, laws=numbers, pushed=pushed)
+        return answers["laws"], answers["distance"]
 
 
 class OneChain:

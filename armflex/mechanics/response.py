@@ -42,15 +42,31 @@ AT_ONCE = 1024
 """Rows whose tip's response to all loads is held at once."""
 
 
+MEMBERS = {
+    "laws": "laws",
+    "per_load": "per_load",
+    "joints": "joints",
+    "twists": "at_sites",
+    "link_loads": "motions",
+    "wrenches": "loads",
+    "links": "poses",
+}
+"""What may be asked of a `Response`, as the engine calls it; see `responded`."""
+
+STATES = ("links", "wrenches")
+"""Those that are the same whatever end is meant."""
+
+
 @dataclass(frozen=True, eq=False)
 class Response:
     """An arm solved at N rows; all motions of its tip are at the tip's origin in base axes [m, rad].
+
+    What was not asked for beforehand is found when it is looked at, and kept.
 
     Attributes:
         row: What was known in the rows: joint positions and covariates.
         flexure_wrenches: (N, n, 6) load on the structure at the flexures, local axes [N, Nm].
         flexure_twists: (N, 6 n) what the flexures do under them [m, rad].
-        laws: (N, 6, n, 6) motion of the tip per change of a flexure's twist law.
         link_names: Links at and beyond the base.
         sites: Names of the sites in order: 'base', 'link:A2' (before A2's motion), 'A2' (after it), ..., 'tool'.
         case: Joint positions and all that acted, in every row.
@@ -60,11 +76,11 @@ class Response:
     row: Row
     flexure_wrenches: Array
     flexure_twists: Array
-    laws: Array
     link_names: tuple[str, ...]
     sites: tuple[str, ...]
     _parts: tuple[ManyRows, ...]
     case: LoadCase
+    _kept: dict[str, Array]
     end: str | None = None
 
     def of(self, link: str | None) -> Response:
@@ -72,11 +88,8 @@ class Response:
         if link == self.end:
             return self
         if link not in self._ends:
-            laws = np.empty_like(self.laws)
-            twists = self._twists
-            for part in self._parts:
-                laws[part.rows] = part.by_law(link, self.row.q[part.rows], twists[part.rows])
-            self._ends[link] = replace(self, laws=laws, end=link)
+            same = {name: self._kept[name] for name in STATES if name in self._kept}
+            self._ends[link] = replace(self, _kept=same, end=link)
         return self._ends[link]
 
     @cached_property
@@ -89,58 +102,59 @@ class Response:
         number[rows] = np.arange(len(rows))
         every = [whole.among(number) for whole in self._parts]
         parts = tuple(part for part in every if len(part.rows)) or (every[0],)
-        arrays = self.flexure_wrenches[rows], self.flexure_twists[rows], self.laws[rows]
-        found = Response(
-            self.row.some(rows), *arrays, self.link_names, self.sites, parts, self.case.some(rows), self.end
-        )
+        arrays = self.flexure_wrenches[rows], self.flexure_twists[rows]
+        names, case = (self.link_names, self.sites), self.case.some(rows)
+        found = Response(self.row.some(rows), *arrays, *names, parts, case, _some(self._kept, rows), self.end)
         for link, one in self._ends.items():
-            found._ends[link] = replace(found, laws=one.laws[rows], end=link)
+            found._ends[link] = replace(found, _kept=_some(one._kept, rows), end=link)
         return found
 
-    @cached_property
+    @property
     def tip(self) -> Array:
         """(N, 4, 4) tip pose in the base."""
-        if self.end is not None:
-            return self.links[:, self.link_names.index(self.end)]
-        return self._asked("tip")[:, 0]
+        return self.links[:, self.link_names.index(self.end or self._parts[0].loaded.robot.tip)]
 
-    @cached_property
+    @property
     def links(self) -> Array:
         """(N, l, 4, 4) pose of every link."""
         return self._asked("links")
 
-    @cached_property
+    @property
+    def laws(self) -> Array:
+        """(N, 6, n, 6) motion of the tip per change of a flexure's twist law."""
+        return self._asked("laws")
+
+    @property
     def per_load(self) -> Array:
         """(N, 6, n, 6) motion of the tip per change of a flexure's wrench."""
-        found = np.empty_like(self.laws)
-        for part in self._parts:
-            found[part.rows] = _per_load(self.laws[part.rows], part.tangents)
-        return found
+        return self._asked("per_load")
 
-    @cached_property
+    @property
     def joints(self) -> Array:
         """(N, 6, nq) motion of the tip per joint, loads redistributing."""
         return self._asked("joints")
 
-    @cached_property
+    @property
     def twists(self) -> Array:
         """(N, 6, s, 6) motion of the tip per body twist at a site, loads redistributing."""
-        return self._asked("sites")
+        return self._asked("twists")
 
-    @cached_property
+    @property
     def wrenches(self) -> Array:
         """(N, s, 6) load on the structure at every site, local axes [N, Nm]."""
-        return self._asked("loads")
+        return self._asked("wrenches")
 
-    @cached_property
+    @property
     def link_loads(self) -> Array:
         """(N, l, 6, 6) motion of the tip per wrench at a link's origin, base axes."""
-        return self._asked("motions")
+        return self._asked("link_loads")
 
     @cached_property
     def gravity(self) -> Array:
         """(N, 6, 3) motion of the tip per change of gravity in base axes [per m/s^2]."""
-        found = self._asked("gravity")
+        found = np.empty((len(self.row.q), 6, 3))
+        for part in self._parts:
+            found[part.place] = part.by_gravity(self.end, self.row.q[part.place], self._twists[part.place])
         for one in (one for one in self.case.wrenches if one.hangs):  # beside the chain, not in the model
             place = self.link_names.index(one.frame)
             found += self.link_loads[:, place] @ one.by_gravity(self.links[:, place])
@@ -166,24 +180,40 @@ class Response:
 
     @property
     def _twists(self) -> Array:
-        return self.flexure_twists.reshape(len(self.row.q), self.laws.shape[2], 6)
+        return self.flexure_twists.reshape(self.flexure_wrenches.shape)
 
-    def _asked(self, what: str) -> Array:
-        """Return one of the things that its parts say; see `ManyRows.asked`."""
-        found, twists = None, self._twists
-        for part in self._parts:
-            rows = part.rows
-            by_load = _per_load(self.laws[rows], part.tangents)
-            own = part.asked(what, self.end, self.row.q[rows], twists[rows], by_load)
-            found = np.empty((len(self.row.q), *own.shape[1:])) if found is None else found
-            found[rows] = own
-        assert found is not None
-        return found
+    def _asked(self, name: str) -> Array:
+        if name not in self._kept:
+            into, twists = _room(self._parts[0].loaded, (name,), len(self.row.q)), self._twists
+            for part in self._parts:
+                _answer(part, self.end, self.row.q[part.place], twists[part.place], into)
+            self._kept.update(into)
+        return self._kept[name]
 
 
-def _per_load(laws: Array, tangents: Array) -> Array:
-    """Return (N, 6, n, 6) motions of the tip per load from those per law, and (1 or N, n, 6, 6) tangents."""
-    return np.ascontiguousarray((laws.swapaxes(1, 2) @ tangents).swapaxes(1, 2))
+def _room(loaded: LoadedArm, names: Sequence[str], count: int) -> dict[str, Array]:
+    """Return arrays for members of the response of an arm in some rows."""
+    n, links, sites = len(loaded.arm.sites), len(loaded.links), len(loaded.site_names)
+    shapes = {"laws": (6, n, 6), "per_load": (6, n, 6), "joints": (6, len(loaded.arm.joint_names))}
+    shapes |= {"twists": (6, sites, 6), "wrenches": (sites, 6), "links": (links, 4, 4), "link_loads": (links, 6, 6)}
+    return {name: np.empty((count, *shapes[name])) for name in names}
+
+
+def _answer(
+    part: ManyRows, end: str | None, q: Array, twists: Array, into: dict[str, Array], proof: bool = False
+) -> Array:
+    """Fill members of a response in a part of its rows; return (M,) what is below 1 where it is proven to stay."""
+    place = part.place
+    views = {MEMBERS[name]: values[place] for name, values in into.items() if isinstance(place, slice)}
+    names = [*(MEMBERS[name] for name in into), *["distance"] * proof]
+    found = part.asked(names, end, q, twists, views)
+    for name in () if views else into:
+        into[name][place] = found[MEMBERS[name]]
+    return found["distance"] if proof else np.zeros(len(q))
+
+
+def _some(kept: Mapping[str, Array], rows: np.ndarray) -> dict[str, Array]:
+    return {name: values[rows] for name, values in kept.items()}
 
 
 def respond(
@@ -194,6 +224,7 @@ def respond(
     allow_large: bool = False,
     wrenches: Sequence[Wrench] = (),
     gravity: Array | None = None,
+    ask: Sequence[str] = (),
 ) -> Response:
     """Return what the arm does at (N, nq) joint positions with a payload each.
 
@@ -205,6 +236,7 @@ def respond(
         allow_large: Whether flexures may turn by more than 0.1 rad.
         wrenches: Loads from outside at named links, the same in all rows or one for each.
         gravity: (N, 3) in base axes [m/s^2] where it is not that of the arm in all rows.
+        ask: Members of the response that are found at once, see `MEMBERS`: together they take less time than each.
 
     Raises:
         UnknownNameError, MissingCovariateError: No such payload; an effect depends on what is not given.
@@ -213,15 +245,14 @@ def respond(
     known = {name: np.asarray(values) for name, values in (covariates or {}).items()}
     q, n = np.ascontiguousarray(q), len(arm.sites)
     case = LoadCase(q, wrenches=tuple(wrenches), covariates=known)
-    loads, twists, laws = np.empty((len(q), n, 6)), np.empty((len(q), n, 6)), np.empty((len(q), 6, n, 6))
-
+    loads, twists = np.empty((len(q), n, 6)), np.empty((len(q), n, 6))
     solve = _solved if arm.chain else _solved_loops
 
     def solved(asked: tuple[LoadedArm, np.ndarray]) -> ManyRows:
         loaded, rows = asked
         own = case.some(rows)
         own = own._replace(wrenches=tuple(one.under(loaded.robot.gravity) for one in own.wrenches))
-        part, found = solve(loaded, rows, own, laws, allow_large)
+        part, found = solve(loaded, rows, own, into, allow_large)
         loads[rows], twists[rows] = found.wrenches, found.twists
         return part
 
@@ -237,40 +268,42 @@ def respond(
         ]
     # No rows are a part, too.
     pieces = [(loaded, some) for loaded, own in groups for some in in_pieces(own, AT_ONCE) or [own]]
+    into = _room(pieces[0][0], ("laws", *ask), len(q))
     parts = tuple(in_threads(solved, pieces))
     named = (parts[0].loaded.links, parts[0].loaded.site_names)
-    arrays = (loads, twists.reshape(len(q), 6 * n), laws)
-    return Response(Row(q, arm.joint_index, known), *arrays, *named, parts, case)
+    return Response(Row(q, arm.joint_index, known), loads, twists.reshape(len(q), 6 * n), *named, parts, case, into)
 
 
 def _solved(
-    loaded: LoadedArm, rows: np.ndarray, case: LoadCase, into: Array, allow_large: bool
+    loaded: LoadedArm, rows: np.ndarray, case: LoadCase, into: dict[str, Array], allow_large: bool
 ) -> tuple[ManyRows, Solution]:
-    """Return some rows of one payload solved, the tip's response to their laws put into its rows of `into`."""
+    """Return some rows of one payload solved, and put what is asked about them into their rows of `into`."""
     arm, q, n = loaded.arm, np.ascontiguousarray(case.q), len(loaded.arm.sites)
     row = loaded.row(q, case.covariates)
     solver, laws = RowSolver(loaded, case.wrenches), RowLaws(arm.stack, row)
     found = Solution.empty(len(q), n)
-    fine = solver.solve(row, laws, found)
-    some = np.flatnonzero(fine)
-    if laws.curved:
-        laws.expand(np.where(fine[:, None, None], found.wrenches, 0.0))
-    into[rows[some]], distance = solver.linearise(row, laws, found, some)
-    left = np.concatenate([np.flatnonzero(~fine), some[~(distance < 1.0)]])
-    if len(left):
+    left = np.flatnonzero(~solver.solve(row, laws, found))
+    judged = solver.within_limits(q) & bool(solver.bound and solver.bound.proven)
+    while True:  # what is not proven here is the reference's, which judges it itself
         _rest(loaded, case, left, found, allow_large)
+        judged[left] = True
         if laws.curved:
             laws.expand(found.wrenches)
-        into[rows[left]] = solver.linearise(row, laws, found, left)[0]
+        pushes = Pushes(loaded, case.wrenches, sited=True) if len(solver.pushes.links) else None
+        pushed = NOT_PUSHED if pushes is None else pushes.at(q, found.twists)
+        part = ManyRows(loaded, loaded.sited_chain, rows, pushed, laws.numbers)
+        distance = _answer(part, None, q, found.twists, into, not judged.all())
+        left = np.flatnonzero(~(judged | (distance < 1.0)))
+        if not len(left):
+            break
     small = (np.linalg.norm(found.twists[:, :, 3:], axis=2) <= MAX_ROTATION).all(axis=1)
     for i in () if allow_large else np.flatnonzero(~small):
         check_small(found.twists[i].ravel(), arm.stack.names)
-    pushed = Pushes(loaded, case.wrenches, sited=True).at(q, found.twists) if len(solver.pushes.links) else NOT_PUSHED
-    return ManyRows(loaded, loaded.sited_chain, rows, pushed, laws.tangents(found.wrenches)), found
+    return part, found
 
 
 def _solved_loops(
-    loaded: LoadedArm, rows: np.ndarray, case: LoadCase, into: Array, allow_large: bool
+    loaded: LoadedArm, rows: np.ndarray, case: LoadCase, into: dict[str, Array], allow_large: bool
 ) -> tuple[ManyRows, Solution]:
     """Return the same of an arm with loops or springs."""
     solver, row, others = solver_of(loaded, case.wrenches), loaded.row(case.q, case.covariates), {}
@@ -286,9 +319,8 @@ def _solved_loops(
     found.twists[:], found.wrenches[:] = rested.twists, rested.loads
     if laws.curved:
         laws.expand(found.wrenches)
-    tangents = laws.tangents(found.wrenches)
-    part = responding(loaded, rows, case, rested, tangents)
-    into[rows] = part.by_law(None, case.q, found.twists)
+    part = responding(loaded, rows, case, rested, laws.numbers)
+    _answer(part, None, case.q, found.twists, into)
     return part, found
 
 

@@ -52,8 +52,7 @@ def along(name: str, arm: Arm) -> Array:
 
 def everything(arm: Arm, q: Array) -> None:
     """Ask for every row at rest and for all that its tip answers to."""
-    line = respond(arm, q, ["none"])
-    _ = line.joints, line.twists, line.link_loads, line.wrenches
+    respond(arm, q, ["none"], ask=("joints", "twists", "link_loads", "wrenches"))
 
 
 def asked(arm: Arm, q: Array) -> dict[str, Callable[[], object]]:

@@ -73,16 +73,17 @@ def ask(tree: Tree, laws: Laws, rng: np.random.Generator) -> None:
             engine.rest_chain(q, True, np.empty((rows, 6)), np.empty((rows, n, 6)), twists, np.empty(rows, dtype=bool))
         engine.set_motion(None, rows)
         engine.tips(q, np.empty((rows, 4, 4)))
-    places = rng.integers(0, len(tree.parents), (2, 3)).astype(np.int64)
-    numbers, end = rng.normal(size=(3, 12)), tree.elements[-1, :16].copy()
-    behind = 3 * len(tree.joins)
+    places = rng.integers(0, len(tree.parents), (2, 2, 3)).astype(np.int64)
+    sites, bodies = [(place.copy(), rng.normal(size=(3, 12))) for place in places]
+    end, behind = tree.elements[-1, :16].copy(), 3 * len(tree.joins)
     rests = q, into[2], twists, into[5], into[8]
-    shaped = {"laws": (6, n, 6), "joints": (6, tree.driven), "at_sites": (6, 3 + behind, 6)}
-    shaped |= {"motions": (3, 6, 6), "poses": (3, 4, 4), "loads": (3 + behind, 6)}
-    for what, shape in shaped.items():
-        found, distance = np.empty((rows, *shape)), np.empty(rows)
-        tangents = laws.compliance if rows else laws.compliance[:0]
-        engine.respond(what, found, places, numbers, end, rests, tangents, None, distance, behind)
+    shaped = {"laws": (6, n, 6), "per_load": (6, n, 6), "joints": (6, tree.driven), "at_sites": (6, 3 + behind, 6)}
+    shaped |= {"loads": (3 + behind, 6), "motions": (3, 6, 6), "poses": (3, 4, 4), "distance": ()}
+    for _ in range(3):
+        names = rng.permutation(list(shaped))[: rng.integers(1, len(shaped) + 1)]
+        engine.respond(
+            {str(name): np.empty((rows, *shaped[name])) for name in names}, sites, bodies, end, rests, behind
+        )
 
 
 def main(library: str, count: int, seed: int) -> None:

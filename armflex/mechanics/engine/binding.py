@@ -5,7 +5,7 @@ A call lets go of the interpreter's lock, so threads run side by side, each with
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from ctypes import CDLL, addressof, c_int, c_int64, c_void_p
 from functools import cache
 from importlib.util import find_spec
@@ -92,7 +92,8 @@ class Engine:
     def __init__(self, tree: Tree) -> None:
         self._library, self._tables, self._room = library(), Tables(tree), np.zeros(0)
         self._arm, self._tree, self._settled = addressof(self._tables.struct), tree, False
-        self._into, self._rested, self._places = (), RestStruct(), np.zeros((2, 0), dtype=WHOLE)
+        self._into, self._rested = (), RestStruct()
+        self._places: tuple[np.ndarray, ...] = ()
         self._tables.set_loads(NO_LINKS, NO_WRENCHES, NO_CHANGES, 1)
         assert self._library.engine_size() == len(bytes(self._tables.struct))
 
@@ -183,66 +184,55 @@ class Engine:
 
     def respond(
         self,
-        what: str,
-        into: Array,
-        places: np.ndarray,
-        numbers: Array,
+        into: Mapping[str, Array],
+        sites: tuple[np.ndarray, Array],
+        bodies: tuple[np.ndarray, Array],
         end: Array,
         rests: Sequence[Array],
-        tangents: Array,
-        by_load: Array | None = None,
-        distance: Array | None = None,
         behind: int = 0,
     ) -> None:
-        """Fill one thing about an arm that rests in N rows; see `rest.responded`.
+        """Fill what is asked about an arm that rests in N rows, all of it in one pass.
 
         Args:
-            what: "laws", "joints", "at_sites", "motions", "poses" or "loads".
-            into: To be filled.
-            places, numbers: (2, f) and (f, 12) of frames; see `Frames`.
+            into: To be filled: "laws" and "per_load" (N, 6, n, 6), "joints" (N, 6, d), "at_sites" (N, 6, s, 6), "loads"
+                (N, s, 6), "motions" (N, b, 6, 6), "poses" (N, b, 4, 4), and "distance" (N,): below 1 is a proof that
+                the arm stays.
+            sites, bodies: (2, f) places and (f, 12) numbers of frames; see `Frames`. Twists are inserted at the first,
+                and what these carry has loads; wrenches act on the second, which have poses.
             end: (16,) the frame that is meant by the tip, as the last row of `Tree.elements` has it.
             rests: (N, d), (N, p), (N, n, 6), (N, m), (N, m, m): drives, passive joints, twists, forces, and what
                 nothing answers to.
-            tangents: (1 or N, n, 6, 6) of the laws; none are needed for poses and loads.
-            by_load: (N, 6, n, 6) motion of that frame per load on a flexure, where it is known.
-            distance: (N,) to be filled: below 1 is a proof that the arm stays.
-            behind: How many closures and pins there are behind the frames.
+            behind: How many closures and pins there are behind the sites.
         """
         tree, (q, flexed, twists, forces, idle) = self._tree, rests
-        rows, f, n, m, d = len(q), len(numbers), len(tree.flexures), len(tree.rows), tree.driven
-        sites = f + behind
-        shapes = {"laws": (6, n, 6), "joints": (6, d), "at_sites": (6, sites, 6), "motions": (f, 6, 6)}
-        shapes |= {"poses": (f, 4, 4), "loads": (sites, 6)}
+        rows, n, m, f, b = len(q), len(tree.flexures), len(tree.rows), len(sites[1]), len(bodies[1])
+        s = f + behind
+        shapes = {"laws": (6, n, 6), "per_load": (6, n, 6), "joints": (6, tree.driven), "at_sites": (6, s, 6)}
+        shapes |= {"loads": (s, 6), "motions": (b, 6, 6), "poses": (b, 4, 4), "distance": ()}
         self._check_rows(q)
-        for name, array, shape in (
-            (what, into, shapes[what]), ("flexed", flexed, (tree.passive,)), ("twists", twists, (n, 6)),
-            ("forces", forces, (m,)), ("idle", idle, (m, m)),
-        ):  # fmt: skip
+        given = {"flexed": (flexed, (tree.passive,)), "twists": (twists, (n, 6))}
+        given |= {"forces": (forces, (m,)), "idle": (idle, (m, m))}
+        for name, (array, shape) in (given | {name: (into[name], shapes[name]) for name in into}).items():
             checked(array, name, REAL, rows, *shape)
-        if places is not self._places:
-            checked(places, "places", WHOLE, 2, f)
-            _within(places.ravel(), "places", 0, len(tree.parents))
-            self._places = places
-        checked(numbers, "numbers", REAL, places.shape[1], 12)
+        for places, numbers in (sites, bodies):
+            checked(numbers, "numbers", REAL, places.shape[1], 12)
+            if not any(places is one for one in self._places):
+                checked(places, "places", WHOLE, 2, len(numbers))
+                _within(places.ravel(), "places", 0, len(tree.parents))
+        self._places = sites[0], bodies[0]
         checked(end, "end", REAL, 16)
         if not 0.0 <= end[15] < len(tree.parents):
             raise ArmArraysError(f"end: expected an element of {len(tree.parents)}, got {end[15]}")
-        self._check_behind(what, behind)
+        if not (self._settled or into.keys() <= {"poses", "loads"}):
+            raise ShapeError("expected laws")
+        self._check_behind(into, behind)
         asked = AskedStruct(
-            end=address(end), frames=f, places=address(places), numbers=address(numbers), sites=sites,
-            tangent_rows=len(tangents), tangents=address(tangents),
+            end=address(end), frames=f, places=address(sites[0]), numbers=address(sites[1]), sites=s, bodies=b,
+            body_places=address(bodies[0]), body_numbers=address(bodies[1]),
+            **{name: address(array) for name, array in into.items()},
         )  # fmt: skip
-        setattr(asked, what, address(into))
-        if by_load is not None:
-            if m or tree.passive or (tree.flexures < 0).any():
-                raise ShapeError("motions per load are known of arms without loops alone")
-            asked.by_load = address(checked(by_load, "by_load", REAL, rows, 6, n, 6))
-        elif what not in ("poses", "loads"):
-            checked(tangents, "tangents", REAL, (1, rows) if rows else (0, 1), n, 6, 6)
-        if distance is not None:
-            asked.distance = address(checked(distance, "distance", REAL, rows))
-        given = *addresses((q, flexed, twists, forces, idle)), addressof(asked), address(self._work())
-        self._library.engine_respond(self._arm, rows, *given)
+        where = *addresses((q, flexed, twists, forces, idle)), addressof(asked), address(self._work())
+        self._library.engine_respond(self._arm, rows, *where)
 
     def tips(self, q: Array, poses: Array) -> None:
         """Fill the (N, 4, 4) poses of a chain's tip where nothing gives, at (N, d) positions of its drives."""
@@ -268,16 +258,17 @@ class Engine:
         if len(tree.joins) or tree.passive or not np.array_equal(np.sort(order), np.arange(n)) or not self._settled:
             raise ShapeError("expected a chain, whose flexures follow each other, with laws")
 
-    def _check_behind(self, what: str, behind: int) -> None:
-        """Raise where there is not room for the closures and pins that C fills in behind the frames."""
+    def _check_behind(self, into: Collection[str], behind: int) -> None:
+        """Raise where there is not room for the closures and pins that C fills in behind the sites."""
         ties = self._tree.joins[:, 0]
         if not len(ties):
             return
         closures = int((ties < 6).sum())
         pins = 2 * int((ties < 5).sum())
-        needed = closures + pins if what == "at_sites" else len(ties) if what == "loads" and len(self._tree.rows) else 0
+        loads = len(ties) if "loads" in into and len(self._tree.rows) else 0
+        needed = max(closures + pins if "at_sites" in into else 0, loads)
         if behind < needed:
-            raise ShapeError(f"{what}: expected {needed} places behind the frames, got {behind}")
+            raise ShapeError(f"expected {needed} places behind the sites, got {behind}")
 
     def _work(self) -> Array:
         size = int(self._library.engine_room(self._arm))

@@ -14,7 +14,7 @@ enum { ROD = 4, GEAR, COIL, GAS };
 enum { PART, SIZE, CLIPPED, TANH, RAISED, RAMP };
 enum { SPRING = 1, MAGNET };
 enum { ONE, POWER, SINE, COSINE, STEP, BUMP, TENT, CREEP, OVERLAP, CHEBYSHEV, TABLE };
-enum { STEPS = 24, MOST = 50, TIP = 8 };
+enum { STEPS = 24, MOST = 50, TIP = 8, BOTH = 12, SOLVED = 20 }; /* see branches */
 static const double CONVERGED = 1e-24;
 #if !defined(CHAIN)
 static const double SMALL = 0.1 * 0.1;
@@ -316,7 +316,7 @@ static inline void fill(double *to, whole count) { memset(to, 0, (size_t)count *
 
 typedef struct { /* where a mechanism is; see the kernel of trees */
     double *turn, *origin, *screws, *roots, *loads, *twists, *load, *gaps, *forces, *ways, *by, *pairs, *lengths, *y, *angles;
-    whole *carriers, *owner, rank;
+    whole *carriers, *owner, *begins, rank; /* begins: of the coordinates of each flexure */
 } here;
 typedef struct {
     double *motion, *field, *unit, *stiff, *matrix, *right, *laws, *small, *inverse;
@@ -379,6 +379,7 @@ static here memory(const arm *a, double **room)
     h.angles = zeroed(room, 3 * k);
     h.carriers = (whole *)zeroed(room, z);
     h.owner = (whole *)zeroed(room, 6 * n);
+    h.begins = (whole *)zeroed(room, n + 1);
     h.rank = 0;
     h.turn[0] = h.turn[4] = h.turn[8] = 1.0;
     for (whole e = 1; e < k; e++) {
@@ -434,7 +435,8 @@ whole engine_rest_room(const arm *a, whole rank)
 {
     whole k = a->count, n = a->flexures, m = a->rows, t = a->ties, p = a->passive, z = a->driven + p + 6 * n;
     whole here_ = 21 * k + 8 * z + 36 * n + 36 * n + 2 * m + 6 * (m + t) + m * (p + 6 * n) + 19 * t + 24 * n + 64;
-    whole respond = 36 * n * 2 + m * (p + 6 * n) + 6 * (p + 6 * n) + 8 * (p + 6 * n + m) + 2 * 6 * TIP * (k + 2) + k + 256;
+    whole respond = 36 * n * 3 + m * (p + 6 * n) + 6 * (p + 6 * n) + 8 * (p + 6 * n + m) + 2 * 6 * TIP * (k + 2) + k + 256;
+    respond += (t == 0) ? 6 * BOTH * k + 6 * (7 * TIP + SOLVED) * n + 2 * WIDE : 0;
     return here_ + divided_room(a, 0) + divided_room(a, rank) + respond + 2 * m * m + 64 * GAP;
 }
 
@@ -511,10 +513,9 @@ static void screw(const here *h, whole k, const double *twist, double *found)
     }
 }
 
-/* Fill `turn`, `origin` and `screws`; flexures are at rest unless it is `flexed`. */
+/* Fill `turn`, `origin` and the `screws` of joints; flexures are at rest unless it is `flexed`. */
 static void place(const arm *a, const double *q, const double *loose_joints, int flexed, here *h)
 {
-    whole first = a->driven + a->passive;
     for (whole k = 1; k < a->count; k++) {
         whole kind = a->kinds[k] & 3, own = a->kinds[a->count + k], back = a->parents[k];
         const double *local = a->elements + 20 * k, *axis = local + 12;
@@ -557,10 +558,15 @@ static void place(const arm *a, const double *q, const double *loose_joints, int
             cross(h->origin + 3 * k, s + 3, s);
         }
     }
+}
+
+/* Fill the screws of the coordinates of laws, along rows of R or S. */
+static void place_laws(const arm *a, const here *h, const double *roots, double *screws)
+{
     for (whole c = 0; c < h->rank; c++) {
-        whole k = h->carriers[first + c];
+        whole k = h->carriers[a->driven + a->passive + c];
         if (k > 0) {
-            screw(h, k, h->roots + 6 * c, h->screws + 6 * (first + c));
+            screw(h, k, roots + 6 * c, screws + 6 * c);
         }
     }
 }
@@ -946,6 +952,7 @@ static double root(const arm *a, const double *compliance, here *h, double *root
     }
     for (whole i = 0; i < a->flexures; i++) {
         double odd = 0.0, most = 0.0;
+        h->begins[i] = rank;
         for (int r = 0; r < 6; r++) {
             for (int c = 0; c < 6; c++) {
                 rest[r][c] = compliance[36 * i + 6 * r + c];
@@ -995,7 +1002,7 @@ static double root(const arm *a, const double *compliance, here *h, double *root
             rank++;
         }
     }
-    h->rank = rank;
+    h->begins[a->flexures] = h->rank = rank;
     return largest;
 }
 
@@ -1181,36 +1188,17 @@ static void tied(const arm *a, const here *h, whole t, const double *forces, con
     }
 }
 
-/* Fill (k, 6 W) motions of elements, and work per twist that is inserted at one and moves all that it carries. */
-static void spread_out(const arm *a, const here *h, const double *wrenches, const double *changes, const double *rows,
-                       whole count, whole wide, const double *forces, double *motion, double *field)
+/* Add by how much what acts on each element changes as the elements move; their motions are `step` apart. */
+static void push_back(const arm *a, const here *h, const double *wrenches, const double *changes, whole wide,
+                      const double *motion, whole step, double *field)
 {
-    fill(motion, a->count * 6 * wide);
-    fill(field, a->count * 6 * wide);
-    for (whole z = 0; z < count; z++) {
-        whole k = h->carriers[a->driven + z];
-        const double *s = h->screws + 6 * (a->driven + z), *row = rows + z * wide;
-        for (whole b = 0; (b < wide) && (k > 0); b += WIDE) {
-            if ((row[b] != 0.0) || (row[b + 1] != 0.0) || (row[b + 2] != 0.0) || (row[b + 3] != 0.0)) {
-                pack rates = get(row + b);
-                add_columns(motion + k * 6 * wide + b, wide, share(rates, spread3(s)));
-                add_columns(motion + k * 6 * wide + b + 3 * wide, wide, share(rates, spread3(s + 3)));
-                turn_back(h, a->driven + z, rates, field + k * 6 * wide + b, wide);
-            }
-        }
-    }
-    for (whole k = 1; k < a->count; k++) {
-        double *own = motion + k * 6 * wide, *back = motion + a->parents[k] * 6 * wide;
-        for (whole b = 0; b < 6 * wide; b += WIDE) {
-            put(own + b, add(get(own + b), get(back + b)));
-        }
-    }
     for (whole j = -a->count; j < a->pushes; j++) {
-        double point[3], force[3], moment[3], lever[3], *own, *moved;
+        const double *moved;
+        double point[3], force[3], moment[3], lever[3], *own;
         whole k = pushed(a, h, wrenches, j, point, force, moment);
         int follows = (j >= 0) && (a->links[3 * j + 2] != 0);
         own = field + k * 6 * wide;
-        moved = motion + k * 6 * wide;
+        moved = motion + k * step;
         cross(point, force, lever);
         for (int i = 0; i < 3; i++) {
             moment[i] += lever[i];
@@ -1235,6 +1223,33 @@ static void spread_out(const arm *a, const here *h, const double *wrenches, cons
             add_columns(own + b + 3 * wide, wide, share(spread(-1.0), sum(twist, crossed(spread3(point), push))));
         }
     }
+}
+
+/* Fill (k, 6 W) motions of elements, and work per twist that is inserted at one and moves all that it carries. */
+static void spread_out(const arm *a, const here *h, const double *wrenches, const double *changes, const double *rows,
+                       whole count, whole wide, const double *forces, double *motion, double *field)
+{
+    fill(motion, a->count * 6 * wide);
+    fill(field, a->count * 6 * wide);
+    for (whole z = 0; z < count; z++) {
+        whole k = h->carriers[a->driven + z];
+        const double *s = h->screws + 6 * (a->driven + z), *row = rows + z * wide;
+        for (whole b = 0; (b < wide) && (k > 0); b += WIDE) {
+            if ((row[b] != 0.0) || (row[b + 1] != 0.0) || (row[b + 2] != 0.0) || (row[b + 3] != 0.0)) {
+                pack rates = get(row + b);
+                add_columns(motion + k * 6 * wide + b, wide, share(rates, spread3(s)));
+                add_columns(motion + k * 6 * wide + b + 3 * wide, wide, share(rates, spread3(s + 3)));
+                turn_back(h, a->driven + z, rates, field + k * 6 * wide + b, wide);
+            }
+        }
+    }
+    for (whole k = 1; k < a->count; k++) {
+        double *own = motion + k * 6 * wide, *back = motion + a->parents[k] * 6 * wide;
+        for (whole b = 0; b < 6 * wide; b += WIDE) {
+            put(own + b, add(get(own + b), get(back + b)));
+        }
+    }
+    push_back(a, h, wrenches, changes, wide, motion, 6 * wide, field);
     for (whole t = 0; t < a->ties; t++) {
         const whole *j6 = a->joins + 6 * t;
         if (j6[0] != GEAR) {
@@ -1257,6 +1272,29 @@ static inline pack sum_of(const double *shares, const double *rows, whole wide, 
         value = add(value, scale(shares[r], get(rows + r * wide)));
     }
     return value;
+}
+
+/* Add rows of numbers times rows of TIP or BOTH to some rows; numbers are `down` and `next` apart. */
+static inline void add_product(whole high, double sign, const double *left_, whole down, whole next, const double *rows,
+                               whole width, whole count, double *to, whole step, whole wide)
+{
+    for (whole b = 0; b < high; b++) {
+        double *own = to + step * b;
+        pack one = get(own), two = get(own + WIDE), three = (wide > TIP) ? get(own + TIP) : one;
+        for (whole i = 0; i < count; i++) {
+            pack by = spread(sign * left_[down * b + next * i]);
+            one = add(one, mul(by, get(rows + width * i)));
+            two = add(two, mul(by, get(rows + width * i + WIDE)));
+            if (wide > TIP) {
+                three = add(three, mul(by, get(rows + width * i + TIP)));
+            }
+        }
+        put(own, one);
+        put(own + WIDE, two);
+        if (wide > TIP) {
+            put(own + TIP, three);
+        }
+    }
 }
 
 /* Fill `stiff`: what motions of coordinates change of the loads, a row for each of (Z, 6) motions that are met. */
@@ -1364,12 +1402,7 @@ static void ask_along(const arm *a, const here *h, const rows_of *f, int bridged
 {
     whole p = a->passive, total = p + h->rank;
     memcpy(f->met, h->screws + 6 * a->driven, (size_t)(6 * total) * sizeof *f->met);
-    for (whole c = 0; c < h->rank; c++) {
-        whole k = h->carriers[a->driven + p + c];
-        if (k > 0) {
-            screw(h, k, f->roots + 6 * c, f->met + 6 * (p + c));
-        }
-    }
+    place_laws(a, h, f->roots, f->met + 6 * p);
     if (bridged) {
         open_gaps(a, h, f->met, total, f->roots, h->rank, f->by);
     }
@@ -1397,6 +1430,7 @@ static double settle(const arm *a, const double *compliance, const double *offse
         double size = 0.0, square = 0.0;
         if ((count > 0) || given) {
             place(a, q, loose_joints, 1, h);
+            place_laws(a, h, h->roots, h->screws + 6 * (a->driven + p));
             if (!join(a, q, loose_joints, h)) {
                 return HUGE_VAL;
             }
@@ -1597,6 +1631,7 @@ static whole rest_rows(const arm *a, whole rows, const double *q, whole settled,
         if (!settled) {
             continue;
         }
+        place_laws(a, &h, h.roots, h.screws + 6 * (d + p));
         (void)join(a, here_q, free_joints, &h);
         open_gaps(a, &h, h.screws + 6 * d, w.total, h.roots, h.rank, h.by);
         if (!find_idle(a, &h, &closing, idle, reached)) {
@@ -1622,26 +1657,37 @@ static whole rest_rows(const arm *a, whole rows, const double *q, whole settled,
     return rows;
 }
 
-/* Fill the (6, 6) answers of a field to twists in the axes of a frame; rows of `found` are `stride` apart. */
-static void answer(const double *field, const double *turn, const double *at, double sign, double *out, whole stride)
+/* Fill the answers of a field to twists in the axes of a frame, a row for each. */
+static void turn_in(const double *field, const double *turn, const double *at, double sign, double *found)
 {
-    double solved[6 * TIP];
     for (int b = 0; b < TIP; b += WIDE) {
         packs force = columns(field + b, TIP), moment = columns(field + b + 3 * TIP, TIP);
         moment = back_turned(turn, 3, sum(moment, crossed(force, spread3(at))));
         force = back_turned(turn, 3, force);
-        put(solved + b, scale(sign, force.x));
-        put(solved + b + TIP, scale(sign, force.y));
-        put(solved + b + 2 * TIP, scale(sign, force.z));
-        put(solved + b + 3 * TIP, scale(sign, moment.x));
-        put(solved + b + 4 * TIP, scale(sign, moment.y));
-        put(solved + b + 5 * TIP, scale(sign, moment.z));
+        put(found + b, scale(sign, force.x));
+        put(found + b + TIP, scale(sign, force.y));
+        put(found + b + 2 * TIP, scale(sign, force.z));
+        put(found + b + 3 * TIP, scale(sign, moment.x));
+        put(found + b + 4 * TIP, scale(sign, moment.y));
+        put(found + b + 5 * TIP, scale(sign, moment.z));
     }
+}
+
+/* Fill six rows of six from rows of TIP as columns; rows are `stride` apart. */
+static inline void transpose(const double *rows, double *out, whole stride)
+{
     for (int b = 0; b < 6; b++) {
         for (int i = 0; i < 6; i++) {
-            out[b * stride + i] = solved[i * TIP + b];
+            out[b * stride + i] = rows[i * TIP + b];
         }
     }
+}
+
+static void answer(const double *field, const double *turn, const double *at, double sign, double *out, whole stride)
+{
+    double solved[6 * TIP];
+    turn_in(field, turn, at, sign, solved);
+    transpose(solved, out, stride);
 }
 
 /* Add the (6, 6) answers to a closure's twist. */
@@ -1656,6 +1702,366 @@ static void slots(const arm *a, whole t, const double *force, double *out, whole
     }
 }
 
+#if !defined(CONTROLLER)
+/* Fill the tangents of the laws under loads on the flexures. */
+static void tangents_at(const arm *a, const double *compliance, const double *weights, const double *loads, double *tangents)
+{
+    for (whole i = 0; i < a->flexures; i++) {
+        const double *load = loads + 6 * i;
+        double total[6 * TIP] = {0.0};
+        for (int b = 0; b < 6; b++) {
+            memcpy(total + TIP * b, compliance + 36 * i + 6 * b, 6 * sizeof *total);
+        }
+        for (whole u = a->starts[i]; u < a->starts[i + 1]; u++) {
+            const double *neuron = a->neurons + 13 * u;
+            double value = bounded_one(neuron[6] + dot6(neuron, load)), slope = 1.0 - value * value;
+            pack near = scale(slope, get(neuron)), far = scale(slope, get(neuron + 4)); /* its last two are not read */
+            for (int b = 0; b < 6; b++) {
+                put(total + TIP * b, add(get(total + TIP * b), scale(neuron[7 + b], near)));
+                put(total + TIP * b + 4, add(get(total + TIP * b + 4), scale(neuron[7 + b], far)));
+            }
+        }
+        for (whole t = a->spans[i]; t < a->spans[i + 1]; t++) {
+            const double *bent = a->bent + 43 * t;
+            double value[6], slope[36];
+            for (int b = 0; b < 6; b++) {
+                value[b] = bent[36 + b] + ((bent[42] > 0.0) ? dot6(bent + 6 * b, load) : 0.0);
+            }
+            for (int b = 0; b < 36; b++) {
+                slope[b] = (bent[42] > 0.0) ? bent[b] : 0.0;
+            }
+            for (whole f = a->pieces[t]; f < a->pieces[t + 1]; f++) {
+                const double *shape = a->shapes + 45 * f;
+                double number, by[6];
+                if (shape[0] == RAISED) {
+                    double base = shape[1], steep;
+                    for (int b = 0; b < 6; b++) {
+                        by[b] = dot6(shape + 9 + 6 * b, load);
+                        base += load[b] * by[b];
+                        for (int c = 0; c < 6; c++) {
+                            by[b] += load[c] * shape[9 + 6 * c + b];
+                        }
+                    }
+                    base = fmax(base, LEAST);
+                    number = pow(base, shape[2]);
+                    steep = (base > LEAST) ? shape[2] * pow(base, shape[2] - 1.0) : 0.0;
+                    for (int b = 0; b < 6; b++) {
+                        by[b] *= steep;
+                    }
+                } else {
+                    double part = shape[1] + dot6(shape + 3, load), steep = 1.0;
+                    number = part;
+                    if (shape[0] == TANH) {
+                        number = bounded_one(part);
+                        steep = 1.0 - number * number;
+                    } else if (shape[0] == SIZE) {
+                        number = fabs(part);
+                        steep = (part > 0.0) ? 1.0 : (part < 0.0) ? -1.0 : 0.0;
+                    } else if (shape[0] == CLIPPED) {
+                        number = fmin(fmax(part, -1.0), 1.0);
+                        steep = (fabs(part) < 1.0) ? 1.0 : 0.0;
+                    } else if (shape[0] == RAMP) {
+                        number = fmax(part, 0.0);
+                        steep = (part > 0.0) ? 1.0 : 0.0;
+                    }
+                    for (int b = 0; b < 6; b++) {
+                        by[b] = steep * shape[3 + b];
+                    }
+                }
+                for (int b = 0; b < 6; b++) {
+                    for (int c = 0; c < 6; c++) {
+                        slope[6 * b + c] = number * slope[6 * b + c] + value[b] * by[c];
+                    }
+                    value[b] *= number;
+                }
+            }
+            for (int b = 0; b < 36; b++) {
+                total[b / 6 * TIP + b % 6] += weights[t] * slope[b];
+            }
+        }
+        for (int b = 0; b < 6; b++) {
+            memcpy(tangents + 36 * i + 6 * b, total + TIP * b, 6 * sizeof *total);
+        }
+    }
+}
+
+/* ---- Trees without ties ------------------------------------------------------------------------------------------
+ *
+ * From the ends to the root: an element answers to its motion v by L - D v, with L of the frame that is asked about, and
+ * passes both on to the element inboard. The coordinates of a flexure, of motions S that are met along R, are
+ *
+ *     dz = N^-1 R'(L - D v)    with N = 1 + R'X, X what the load changes by S alone
+ *
+ * so that what is inboard of it sees L - X N^-1 R'L and D - X N^-1 R'D. From the root outwards follow motions and fields. */
+
+typedef struct {
+    double *moves, *meets;  /* (n, 6 TIP) columns of S and of R, the flexure's axes */
+    double *across, *met;   /* (n, 6 TIP) the same about the base's origin, where it is flexed; R by exp6's derivative */
+    double *answers;        /* (k, 6 BOTH) D and L beside each other */
+    double *systems, *sums; /* (n, 6 SOLVED) N and R'D and R'L beside each other, (n, 3, 6 TIP) see norm_of */
+} branches;
+
+static branches branched_off(const arm *a, double **room)
+{
+    branches t;
+    whole n = a->flexures;
+    t.moves = zeroed(room, 6 * TIP * n);
+    t.meets = zeroed(room, 6 * TIP * n);
+    t.across = take(room, 6 * TIP * n);
+    t.met = take(room, 6 * TIP * n);
+    t.answers = zeroed(room, 6 * BOTH * a->count + WIDE); /* packs of its last row end behind it */
+    t.systems = zeroed(room, 6 * SOLVED * n + WIDE);
+    t.sums = take(room, 18 * TIP * n);
+    return t;
+}
+
+/* Keep S and R of the laws: those of `root`, or without these the unit matrix and the laws themselves. */
+static void keep_laws(const arm *a, here *h, const double *laws, const double *roots, const branches *t)
+{
+    for (whole i = 0; i < a->flexures; i++) {
+        double *moves = t->moves + 6 * TIP * i, *meets = t->meets + 6 * TIP * i;
+        fill(moves, 6 * TIP);
+        fill(meets, 6 * TIP);
+        for (int b = 0; (b < 6) && (roots == NULL); b++) {
+            moves[TIP * b + b] = 1.0;
+            memcpy(meets + TIP * b, laws + 36 * i + 6 * b, 6 * sizeof *meets);
+            h->begins[i + 1] = 6 * (i + 1);
+        }
+        for (whole z = h->begins[i]; (z < h->begins[i + 1]) && (roots != NULL); z++) {
+            for (int b = 0; b < 6; b++) {
+                moves[TIP * b + z - h->begins[i]] = h->roots[6 * z + b];
+                meets[TIP * b + z - h->begins[i]] = roots[6 * z + b];
+            }
+        }
+    }
+}
+
+/* Fill columns of twists in a flexure's axes as they are about the base's origin. */
+static void lift(const here *h, whole k, const double *own, double *lifted)
+{
+    const double *r = h->turn + 9 * k, back[9] = {r[0], r[3], r[6], r[1], r[4], r[7], r[2], r[5], r[8]};
+    for (int b = 0; b < TIP; b += WIDE) {
+        packs linear = back_turned(back, 3, columns(own + b, TIP)), angular = back_turned(back, 3, columns(own + b + 3 * TIP, TIP));
+        linear = sum(linear, crossed(spread3(h->origin + 3 * k), angular));
+        put(lifted + b, linear.x);
+        put(lifted + b + TIP, linear.y);
+        put(lifted + b + 2 * TIP, linear.z);
+        put(lifted + b + 3 * TIP, angular.x);
+        put(lifted + b + 4 * TIP, angular.y);
+        put(lifted + b + 5 * TIP, angular.z);
+    }
+}
+
+/* Fill what motions S of a flexure change of the load on what it carries, where that answers by D to all; see turn_back. */
+static void move_flexure(const double *load, const double *across, const double *stiff, whole step, double *moved)
+{
+    for (int b = 0; b < TIP; b += WIDE) {
+        packs linear = columns(across + b, TIP), angular = columns(across + b + 3 * TIP, TIP);
+        packs pull = crossed(spread3(load), angular), turn = sum(crossed(spread3(load + 3), angular), crossed(spread3(load), linear));
+        put(moved + b, pull.x);
+        put(moved + b + TIP, pull.y);
+        put(moved + b + 2 * TIP, pull.z);
+        put(moved + b + 3 * TIP, turn.x);
+        put(moved + b + 4 * TIP, turn.y);
+        put(moved + b + 5 * TIP, turn.z);
+    }
+    add_product(6, 1.0, stiff, step, 1, across, TIP, 6, moved, TIP, TIP);
+}
+
+/* Add up the squares that a form makes of columns. */
+static double squares(const double *form, const double *of)
+{
+    double by[6 * TIP] = {0.0}, total = 0.0;
+    add_product(6, 1.0, form, TIP, 1, of, TIP, 6, by, TIP, TIP);
+    for (int b = 0; b < 6 * TIP; b++) {
+        total += by[b] * of[b];
+    }
+    return total;
+}
+
+static void add_squares(const double *rows, double *form)
+{
+    for (int b = 0; b < 6; b++) {
+        for (int c = 0; c < 6; c++) {
+            form[TIP * b + c] += dot(rows + TIP * b, rows + TIP * c) + dot(rows + TIP * b + 3, rows + TIP * c + 3);
+        }
+    }
+}
+
+/* The norm of G, from the D of each element by itself: coordinates change what is met inboard of them by R'X, outboard by
+ * R'K S with K of all that is outboard. `sums` of a flexure are K, and of all outboard X X' and K'R R'K. */
+static double norm_of(const arm *a, const here *h, const branches *t)
+{
+    double square = 0.0;
+    fill(t->sums, 18 * TIP * a->flexures);
+    for (whole k = a->count - 1; k > 0; k--) {
+        const double *each = t->answers + 6 * BOTH * k;
+        whole inboard = a->parents[k], i = a->kinds[a->count + k];
+        int gives = (a->kinds[k] & 3) == FLEXURE;
+        double *own = gives ? t->sums + 18 * TIP * i : NULL, *to;
+        if (gives) {
+            const double *across = t->across + 6 * TIP * i, *met = t->met + 6 * TIP * i;
+            double moved[6 * TIP], meeting[6 * TIP] = {0.0};
+            for (int b = 0; b < 36; b++) {
+                own[TIP * (b / 6) + b % 6] += each[BOTH * (b / 6) + b % 6];
+            }
+            move_flexure(h->loads + 6 * k, across, own, TIP, moved);
+            add_product(6, 1.0, own, 1, TIP, met, TIP, 6, meeting, TIP, TIP);
+            square += squares(own + 12 * TIP, across);
+            add_squares(moved, own + 6 * TIP);
+            add_squares(meeting, own + 12 * TIP);
+            square += squares(own + 6 * TIP, met);
+        }
+        while ((inboard > 0) && ((a->kinds[inboard] & 3) != FLEXURE)) {
+            inboard = a->parents[inboard];
+        }
+        to = (inboard > 0) ? t->sums + 18 * TIP * a->kinds[a->count + inboard] : NULL;
+        for (int b = 0; (b < 18 * TIP) && gives && (to != NULL); b += WIDE) {
+            put(to + b, add(get(to + b), get(own + b)));
+        }
+        for (int b = 0; (b < 36) && !gives && (to != NULL); b++) {
+            to[TIP * (b / 6) + b % 6] += each[BOTH * (b / 6) + b % 6];
+        }
+    }
+    return sqrt(square);
+}
+
+/* Solve n rows of SOLVED in place, whose first n columns are the system; return whether it is regular. */
+static int gauss(double *rows, whole n)
+{
+    for (whole c = 0; c < n; c++) {
+        double *pivot = rows + SOLVED * c, by;
+        whole best = c, first = c / WIDE * WIDE;
+        for (whole r = c + 1; r < n; r++) {
+            best = (fabs(rows[SOLVED * r + c]) > fabs(rows[SOLVED * best + c])) ? r : best;
+        }
+        if (!(fabs(rows[SOLVED * best + c]) > 0.0)) {
+            return 0;
+        }
+        swap_rows(pivot, rows + SOLVED * best, SOLVED);
+        by = 1.0 / pivot[c];
+        for (whole b = first; b < SOLVED; b += WIDE) {
+            put(pivot + b, scale(by, get(pivot + b)));
+        }
+        for (whole r = 0; r < n; r++) {
+            double *row = rows + SOLVED * r;
+            by = row[c];
+            for (whole b = first; (b < SOLVED) && (r != c); b += WIDE) {
+                put(row + b, sub(get(row + b), scale(by, get(pivot + b))));
+            }
+        }
+    }
+    return 1;
+}
+
+/* Fill motions and fields, and `norm` of G where it is asked for; return whether every N is regular. */
+static int branch_out(const arm *a, const here *h, const double *wrenches, const double *changes, const double *derived,
+                      const double *start, whole end, const branches *t, double *motion, double *field, double *norm)
+{
+    whole count = a->count;
+    double unit[6 * BOTH] = {0.0};
+    fill(t->answers, 6 * BOTH * count);
+    for (int b = 0; b < 6; b++) {
+        unit[BOTH * b + b] = 1.0;
+    }
+    push_back(a, h, wrenches, changes, BOTH, unit, 0, t->answers);
+    for (whole k = 1; k < count; k++) {
+        if ((a->kinds[k] & 3) == FLEXURE) {
+            whole at = 6 * TIP * a->kinds[count + k];
+            double turned_[6 * TIP] = {0.0};
+            add_product(6, 1.0, derived + 36 * a->kinds[count + k], 6, 1, t->meets + at, TIP, 6, turned_, TIP, TIP);
+            lift(h, k, turned_, t->met + at);
+            lift(h, k, t->moves + at, t->across + at);
+        }
+    }
+    if (norm != NULL) {
+        *norm = norm_of(a, h, t);
+        if (!(*norm <= SHARE)) {
+            return 0;
+        }
+    }
+    for (int b = 0; b < 36; b++) {
+        t->answers[6 * BOTH * end + BOTH * (b / 6) + 6 + b % 6] = start[TIP * (b / 6) + b % 6];
+    }
+    for (whole k = count - 1; k > 0; k--) {
+        double *own = t->answers + 6 * BOTH * k, *inboard = t->answers + 6 * BOTH * a->parents[k];
+        whole i = a->kinds[count + k], rank = ((a->kinds[k] & 3) == FLEXURE) ? h->begins[i + 1] - h->begins[i] : 0;
+        if (rank > 0) {
+            const double *met = t->met + 6 * TIP * i;
+            double moved[6 * TIP], *system = t->systems + 6 * SOLVED * i;
+            move_flexure(h->loads + 6 * k, t->across + 6 * TIP * i, own, BOTH, moved);
+            fill(system, SOLVED * rank);
+            add_product(rank, 1.0, met, 1, TIP, moved, TIP, 6, system, SOLVED, TIP);
+            add_product(rank, 1.0, met, 1, TIP, own, BOTH, 6, system + TIP, SOLVED, BOTH);
+            for (whole z = 0; z < rank; z++) {
+                system[SOLVED * z + z] += 1.0;
+            }
+            if (!gauss(system, rank)) {
+                return 0;
+            }
+            add_product(6, -1.0, moved, TIP, 1, system + TIP, SOLVED, rank, own, BOTH, BOTH);
+        }
+        for (int b = 0; b < 6 * BOTH; b += WIDE) {
+            put(inboard + b, add(get(inboard + b), get(own + b)));
+        }
+    }
+    fill(motion, 6 * TIP);
+    for (whole k = 0; k < count; k++) {
+        const double *own = t->answers + 6 * BOTH * k, *before = motion + 6 * TIP * a->parents[k];
+        whole i = a->kinds[count + k], rank = ((a->kinds[k] & 3) == FLEXURE) ? h->begins[i + 1] - h->begins[i] : 0;
+        double *moves = motion + 6 * TIP * k, *answers = field + 6 * TIP * k, rates[6 * TIP];
+        for (int b = 0; b < 6; b++) { /* columns beyond those of the frame are not read */
+            put(answers + TIP * b, get(own + BOTH * b + 6));
+            put(answers + TIP * b + WIDE, get(own + BOTH * b + 6 + WIDE));
+        }
+        if (k > 0) {
+            add_product(6, -1.0, own, BOTH, 1, before, TIP, 6, answers, TIP, TIP);
+            memcpy(moves, before, 6 * TIP * sizeof *moves);
+        }
+        for (whole z = 0; z < rank; z++) {
+            const double *solved = t->systems + 6 * SOLVED * i + SOLVED * z + TIP;
+            put(rates + TIP * z, get(solved + 6));
+            put(rates + TIP * z + WIDE, get(solved + 6 + WIDE));
+            add_product(1, -1.0, solved, 0, 1, before, TIP, 6, rates + TIP * z, 0, TIP);
+        }
+        if (rank > 0) {
+            add_product(6, 1.0, t->across + 6 * TIP * i, TIP, 1, rates, TIP, rank, moves, TIP, TIP);
+        }
+    }
+    return 1;
+}
+#endif /* CONTROLLER */
+
+/* Fill the twists that loads are met along, from rows of R and the derivatives of the flexures' exp6. */
+static void meet(const arm *a, const here *h, const double *roots, const double *derived, double *met)
+{
+    memcpy(met, h->screws + 6 * a->driven, (size_t)(6 * (a->passive + h->rank)) * sizeof *met);
+    for (whole c = 0; c < h->rank; c++) {
+        whole k = h->carriers[a->driven + a->passive + c];
+        if (k > 0) {
+            double own[6];
+            for (int b = 0; b < 6; b++) {
+                own[b] = dot6(derived + 36 * h->owner[c] + 6 * b, roots + 6 * c);
+            }
+            screw(h, k, own, met + 6 * (a->passive + c));
+        }
+    }
+}
+
+/* Fill what a frame's unit motions are as those of what carries it. */
+static void begin_at(const double *at, double *start)
+{
+    fill(start, 6 * TIP);
+    for (int b = 0; b < 3; b++) {
+        double still[3] = {0.0}, lever[3];
+        start[TIP * b + b] = start[TIP * (3 + b) + 3 + b] = still[b] = 1.0;
+        cross(at, still, lever);
+        for (int i = 0; i < 3; i++) {
+            start[(3 + i) * TIP + b] = lever[i];
+        }
+    }
+}
+
 static void respond_rows(const arm *a, whole rows, const double *q, const double *flexed, const double *twists,
                          const double *forces, const double *idle, const asked *f, double *room)
 {
@@ -1664,55 +2070,47 @@ static void respond_rows(const arm *a, whole rows, const double *q, const double
     double *roots = take(&room, 36 * n), *derived = take(&room, 36 * n), *by = take(&room, m * (p + 6 * n)), *met = take(&room, 6 * (p + 6 * n));
     double *right = take(&room, TIP * (p + 6 * n + m)), *motion = take(&room, count * 6 * TIP), *field = take(&room, count * 6 * TIP);
     double *carried = take(&room, count), *rest, unit = 0.0, start[6 * TIP];
+    int answers = f->laws || f->per_load || f->joints || f->at_sites || f->motions || f->distance, even, rooted = 1;
+#if !defined(CONTROLLER)
+    int branched = (ties == 0) && (p == 0), bent = (a->starts[n] > 0) || (a->terms > 0);
+    double *tangents = take(&room, 36 * n);
+    branches tree = {0};
+    if (branched) {
+        rooted = (f->distance != NULL) || !(bent || (a->law_rows > 1));
+        tree = branched_off(a, &room);
+    }
+#endif /* CONTROLLER */
     work w;
+    memset(&w, 0, sizeof w);
     fill(carried, count);
-    rest = room;
-    w = divided(a, p, 0, &rest);
     for (whole k = (whole)f->end[15]; k > 0; k = a->parents[k]) {
         carried[k] = 1.0;
     }
     carried[0] = 1.0;
-    if (f->by_load != NULL) { /* every motion of a flexure is a coordinate */
-        h.rank = 6 * n;
-        for (whole z = 0; z < 6 * n; z++) {
-            h.roots[6 * z + z % 6] = 1.0;
-            h.owner[z] = z / 6;
-            h.carriers[first + z] = a->flexure[z / 6];
-        }
-    }
     for (whole row = 0; row < rows; row++) {
-        const double *here_q = q + row * d, *loose_joints = flexed + row * p, *force;
+        const double *here_q = q + row * d, *loose_joints = flexed + row * p, *force = right;
         const double *pushing = a->wrenches + 9 * a->pushes * ((row < a->wrench_rows) ? row : a->wrench_rows - 1);
         const double *changes = (a->change_rows > 0) ? a->changes + 36 * a->pushes * ((row < a->change_rows) ? row : a->change_rows - 1) : NULL;
+        const double *laws = a->compliance + 36 * n * ((row < a->law_rows) ? row : a->law_rows - 1);
+        int dense = 1, other = (row == 0) || (a->law_rows > 1);
         whole total;
         double turn[9], at[3];
         memcpy(h.twists, twists + row * 6 * n, (size_t)(6 * n) * sizeof *twists);
         if (m > 0) {
             memcpy(h.forces, forces + row * m, (size_t)m * sizeof *forces);
         }
-        if ((row < f->tangent_rows) && (f->by_load == NULL)) {
-            const double *tangents = f->tangents + 36 * n * row;
-            int even;
-            unit = 1.0 / sqrt(fmax(root(a, tangents, &h, roots, &even), 1e-9));
-            if (h.rank != rank) {
-                rank = h.rank;
-                rest = room;
-                w = divided(a, p, rank, &rest);
-            }
-        }
-        total = p + h.rank;
         place(a, here_q, loose_joints, 1, &h);
         (void)join(a, here_q, loose_joints, &h);
         weigh(a, pushing, &h);
-        for (whole i = 0; (i < f->frames) && ((f->poses != NULL) || (f->loads != NULL)); i++) {
+        for (whole i = 0; (i < f->frames) && (f->loads != NULL); i++) {
             whole k = f->places[i];
             compose(h.turn + 9 * k, h.origin + 3 * k, f->numbers + 12 * i, turn, at);
-            if (f->poses != NULL) {
-                pose(turn, at, f->poses + 16 * (row * f->frames + i));
-            }
-            if (f->loads != NULL) {
-                borne(h.loads + 6 * f->places[f->frames + i], turn, at, f->loads + 6 * (row * f->sites + i));
-            }
+            borne(h.loads + 6 * f->places[f->frames + i], turn, at, f->loads + 6 * (row * f->sites + i));
+        }
+        for (whole i = 0; (i < f->bodies) && (f->poses != NULL); i++) {
+            whole k = f->body_places[i];
+            compose(h.turn + 9 * k, h.origin + 3 * k, f->body_numbers + 12 * i, turn, at);
+            pose(turn, at, f->poses + 16 * (row * f->bodies + i));
         }
         if (f->loads != NULL) {
             double *behind = f->loads + 6 * (row * f->sites + f->frames);
@@ -1725,40 +2123,45 @@ static void respond_rows(const arm *a, whole rows, const double *q, const double
                 }
             }
         }
-        if ((f->laws == NULL) && (f->joints == NULL) && (f->at_sites == NULL) && (f->motions == NULL)) {
+        if (!answers) {
             continue;
         }
-        frame_at(&h, f->end, turn, at);
-        fill(start, 6 * TIP);
-        for (int b = 0; b < 3; b++) {
-            double still[3] = {0.0}, lever[3];
-            start[TIP * b + b] = start[TIP * (3 + b) + 3 + b] = still[b] = 1.0;
-            cross(at, still, lever);
-            for (int i = 0; i < 3; i++) {
-                start[(3 + i) * TIP + b] = lever[i];
-            }
+#if !defined(CONTROLLER)
+        if (bent) {
+            bear(a, &h);
+            tangents_at(a, laws, a->weights + a->terms * ((row < a->weight_rows) ? row : a->weight_rows - 1), h.load, tangents);
+            laws = tangents;
+            other = 1;
         }
-        fill(right, TIP * (total + m));
-        if (f->by_load != NULL) {
-            for (whole z = 0; z < total; z++) {
-                for (int b = 0; b < 6; b++) {
-                    right[TIP * z + b] = f->by_load[((row * 6 + b) * n + z / 6) * 6 + z % 6];
-                }
+#endif /* CONTROLLER */
+        if (other && rooted) {
+            unit = 1.0 / sqrt(fmax(root(a, laws, &h, roots, &even), 1e-9));
+        }
+        for (whole i = 0; i < n; i++) {
+            right_jacobian(h.twists + 6 * i, derived + 36 * i);
+        }
+        frame_at(&h, f->end, turn, at);
+        begin_at(at, start);
+#if !defined(CONTROLLER)
+        if (branched) {
+            if (other) {
+                keep_laws(a, &h, laws, rooted ? roots : NULL, &tree);
             }
-        } else {
-            memcpy(met, h.screws + 6 * d, (size_t)(6 * total) * sizeof *met);
-            for (whole i = 0; i < n; i++) {
-                right_jacobian(h.twists + 6 * i, derived + 36 * i);
+            dense = !branch_out(a, &h, pushing, changes, derived, start, (whole)f->end[15], &tree, motion, field,
+                                (f->distance != NULL) ? f->distance + row : NULL);
+        }
+#endif /* CONTROLLER */
+        if (dense) {
+            if (!rooted) {
+                unit = 1.0 / sqrt(fmax(root(a, laws, &h, roots, &even), 1e-9));
             }
-            for (whole c = 0; c < h.rank; c++) {
-                whole k = h.carriers[first + c];
-                if (k > 0) {
-                    double own[6];
-                    for (int b = 0; b < 6; b++) {
-                        own[b] = dot6(derived + 36 * h.owner[c] + 6 * b, roots + 6 * c);
-                    }
-                    screw(&h, k, own, met + 6 * (p + c));
-                }
+            total = p + h.rank;
+            place_laws(a, &h, h.roots, h.screws + 6 * first);
+            meet(a, &h, roots, derived, met);
+            if (h.rank != rank) {
+                rank = h.rank;
+                rest = room;
+                w = divided(a, p, rank, &rest);
             }
             if (m > 0) {
                 open_gaps(a, &h, h.screws + 6 * d, total, h.roots, h.rank, h.by);
@@ -1769,53 +2172,56 @@ static void respond_rows(const arm *a, whole rows, const double *q, const double
                 f->distance[row] = proof(w.stiff, total, w.wide, w.matrix, w.side);
             }
             (void)system_of(a, &h, &w, idle + row * m * m, unit, by);
+            fill(right, TIP * (total + m));
             for (whole z = 0; z < total; z++) {
                 for (int b = 0; (b < TIP) && (carried[h.carriers[d + z]] > 0.0); b += WIDE) {
                     put(right + TIP * z + b, sum_of(met + 6 * z, start + b, TIP, 6));
                 }
             }
             solve(w.matrix, total + m, w.side, w.order, right, TIP);
-        }
-        for (whole r = 0; r < TIP * m; r++) {
-            right[TIP * total + r] *= unit;
-        }
-        force = right + TIP * total;
-        spread_out(a, &h, pushing, changes, right, total, TIP, (m > 0) ? force : NULL, motion, field);
-        for (whole k = 0; k < count; k++) {
-            double *own = field + k * 6 * TIP;
-            for (int b = 0; b < 6 * TIP; b += WIDE) {
-                put(own + b, sub(scale(carried[k], get(start + b)), get(own + b)));
+            for (whole r = 0; r < TIP * m; r++) {
+                right[TIP * total + r] *= unit;
+            }
+            force = right + TIP * total;
+            spread_out(a, &h, pushing, changes, right, total, TIP, (m > 0) ? force : NULL, motion, field);
+            for (whole k = 0; k < count; k++) {
+                double *own = field + k * 6 * TIP;
+                for (int b = 0; b < 6 * TIP; b += WIDE) {
+                    put(own + b, sub(scale(carried[k], get(start + b)), get(own + b)));
+                }
             }
         }
-        for (whole i = 0; (i < n) && (f->laws != NULL); i++) {
-            whole e = a->flexure[i];
-            double own[36], *out = f->laws + ((row * 6) * n + i) * 6;
+        for (whole i = 0; (i < n) && ((f->laws != NULL) || (f->per_load != NULL)); i++) {
+            whole e = a->flexure[i], to = (row * 6 * n + i) * 6;
+            double own[6 * TIP] = {0.0}, by_law[6 * TIP] = {0.0}, by_load[6 * TIP] = {0.0};
             if (e >= 0) {
-                answer(field + e * 6 * TIP, h.turn + 9 * e, h.origin + 3 * e, 1.0, own, 6);
-                for (int b = 0; b < 6; b++) {
-                    for (int c = 0; c < 6; c++) {
-                        double value = 0.0;
-                        for (int k = 0; k < 6; k++) {
-                            value += own[6 * b + k] * derived[36 * i + 6 * k + c];
-                        }
-                        out[b * 6 * n + c] = value;
-                    }
-                }
+                turn_in(field + e * 6 * TIP, h.turn + 9 * e, h.origin + 3 * e, 1.0, own);
+                add_product(6, 1.0, derived + 36 * i, 1, 6, own, TIP, 6, by_law, TIP, TIP);
             } else {
-                for (int b = 0; b < 6; b++) {
-                    fill(out + b * 6 * n, 6);
+                double each[36] = {0.0};
+                slots(a, -1 - e, force, each, 6);
+                for (int b = 0; b < 36; b++) {
+                    by_law[TIP * (b % 6) + b / 6] = each[b];
                 }
-                slots(a, -1 - e, force, out, 6 * n);
+            }
+            if (f->laws != NULL) {
+                transpose(by_law, f->laws + to, 6 * n);
+            }
+            if (f->per_load != NULL) {
+                add_product(6, 1.0, laws + 36 * i, 1, 6, by_law, TIP, 6, by_load, TIP, TIP);
+                transpose(by_load, f->per_load + to, 6 * n);
             }
         }
         if (f->joints != NULL) {
             double *out = f->joints + row * 6 * d;
             fill(out, 6 * d);
             for (whole j = 0; j < d; j++) {
-                for (int i = 0; (i < 6) && (h.carriers[j] > 0); i++) {
-                    for (int b = 0; b < 6; b++) {
-                        out[b * d + j] += h.screws[6 * j + i] * field[h.carriers[j] * 6 * TIP + i * TIP + b];
-                    }
+                double own[TIP] = {0.0};
+                if (h.carriers[j] > 0) {
+                    add_product(1, 1.0, h.screws + 6 * j, 0, 1, field + h.carriers[j] * 6 * TIP, TIP, 6, own, 0, TIP);
+                }
+                for (int b = 0; b < 6; b++) {
+                    out[b * d + j] = own[b];
                 }
             }
             for (whole t = 0; t < ties; t++) {
@@ -1861,20 +2267,21 @@ static void respond_rows(const arm *a, whole rows, const double *q, const double
                 }
             }
         }
-        for (whole i = 0; (i < f->frames) && (f->motions != NULL); i++) {
-            whole k = f->places[i];
-            compose(h.turn + 9 * k, h.origin + 3 * k, f->numbers + 12 * i, turn, at);
-            for (int b = 0; b < 6; b++) {
-                double each[6], lever[3], *out = f->motions + 6 * (6 * (row * f->frames + i) + b);
-                for (int c = 0; c < 6; c++) {
-                    each[c] = motion[k * 6 * TIP + c * TIP + b];
-                }
-                cross(each + 3, at, lever);
-                for (int c = 0; c < 3; c++) {
-                    out[c] = each[c] + lever[c];
-                    out[3 + c] = each[3 + c];
-                }
+        for (whole i = 0; (i < f->bodies) && (f->motions != NULL); i++) {
+            whole k = f->body_places[i];
+            double each[6 * TIP];
+            point_of(&h, k, f->body_numbers + 12 * i + 9, at);
+            for (int b = 0; b < TIP; b += WIDE) {
+                const double *moved = motion + k * 6 * TIP + b;
+                packs about = columns(moved + 3 * TIP, TIP), way = sum(columns(moved, TIP), crossed(about, spread3(at)));
+                put(each + b, way.x);
+                put(each + b + TIP, way.y);
+                put(each + b + 2 * TIP, way.z);
+                put(each + b + 3 * TIP, about.x);
+                put(each + b + 4 * TIP, about.y);
+                put(each + b + 5 * TIP, about.z);
             }
+            transpose(each, f->motions + 36 * (row * f->bodies + i), 6);
         }
     }
 }

@@ -59,20 +59,21 @@ typedef struct { /* (N, ...) where it rests; see engine_rest */
 
 typedef struct { /* what is asked about a frame where it rests; NULL for what is not */
     const double *end;     /* (16) the frame, as the last row of `elements` has the tip */
-    whole frames;          /* f */
+    whole frames;          /* f, where twists may be inserted */
     const whole *places;   /* (2, f) */
     const double *numbers; /* (f, 12) */
     whole sites;           /* s: frames and then closures and pins */
+    whole bodies;          /* b, frames that wrenches act on */
+    const whole *body_places;   /* (2, b) */
+    const double *body_numbers; /* (b, 12) */
     double *laws;          /* (N, 6, n, 6) */
+    double *per_load;      /* (N, 6, n, 6) */
     double *joints;        /* (N, 6, nq) */
     double *at_sites;      /* (N, 6, s, 6) */
-    double *motions;       /* (N, f, 6, 6) */
-    double *poses;         /* (N, f, 4, 4) */
     double *loads;         /* (N, s, 6) */
+    double *motions;       /* (N, b, 6, 6) */
+    double *poses;         /* (N, b, 4, 4) */
     double *distance;      /* (N) */
-    const double *by_load; /* (N, 6, n, 6) where it is known */
-    whole tangent_rows;
-    const double *tangents; /* (1 or N, n, 6, 6) of the laws */
 } asked;
 
 /* A controller has the text of the engine in its own file: it calls these alone. */

@@ -55,7 +55,7 @@ class ArmStruct(Structure):
 
 
 RESTED = ("closed", "tips", "flexed", "twists", "loads", "forces", "displacement", "distance", "idles")
-ASKED = ("laws", "joints", "at_sites", "motions", "poses", "loads", "distance", "by_load")
+ASKED = ("laws", "per_load", "joints", "at_sites", "loads", "motions", "poses", "distance")
 
 
 class RestStruct(Structure):
@@ -69,8 +69,8 @@ class AskedStruct(Structure):
 
     _fields_ = [
         ("end", c_void_p), ("frames", c_int64), ("places", c_void_p), ("numbers", c_void_p), ("sites", c_int64),
+        ("bodies", c_int64), ("body_places", c_void_p), ("body_numbers", c_void_p),
         *((name, c_void_p) for name in ASKED),
-        ("tangent_rows", c_int64), ("tangents", c_void_p),
     ]  # fmt: skip
 
 
@@ -272,6 +272,11 @@ class Laws(NamedTuple):
     spans: np.ndarray
     pieces: np.ndarray
     weights: Array
+
+    def some(self, rows: np.ndarray, count: int) -> Laws:
+        """Return the laws in (M,) of N rows, whose number is given."""
+        by_row = {"compliance": self.compliance, "offset": self.offset, "weights": self.weights}
+        return self._replace(**{name: one[rows] for name, one in by_row.items() if len(one) > 1 or not count})
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from support.small_arms import ROBOTS
 
 import armflex
 from armflex.arm import Measurement, Prior, Setup
-from armflex.errors import UnsupportedError
+from armflex.errors import ConventionError, UnsupportedError
 from armflex.estimate.blocks import declared_blocks
 from armflex.estimate.view import look
 from armflex.laws import LinearLaw
@@ -79,6 +79,22 @@ def test_zeros_of_drives_and_cylinders_and_stiffnesses_are_found(name, tmp_path)
     np.testing.assert_allclose(
         again.deflection(q, "p").displacement, found.arm.deflection(q, "p").displacement, atol=1e-9
     )
+
+
+@pytest.mark.slow
+def test_a_drive_that_is_counted_backwards_is_named_where_other_conventions_close_no_loop():
+    folder = ROBOTS / "palletizer"
+    prior = Prior(joint_offset=1e-3, compliance=0.2)
+    arm = replace(armflex.load_arm(folder / "arm.toml"), prior=prior, measurement=Measurement("base"), certainty=None)
+    driven = armflex.read_trajectory(folder / "trajectory.csv", arm).q
+    q = driven[np.linspace(0, len(driven) - 1, 24).astype(int)]
+    read = arm.deflection(q).pose[:, :3, 3] + SIGMA * np.random.default_rng(1).normal(size=(len(q), 3))
+    turned = np.where(np.array(arm.joint_names) == "upper", -q, q)
+    rows = Rows.of(arm.joint_names, turned, ("none",) * len(q), {}, session="s", derived=("time",))
+    measurements = Measurements.of(rows, Readings(len(q), (Position(read, np.full(read.shape, SIGMA)),)))
+    with pytest.raises(ConventionError) as refused:
+        armflex.calibrate(arm, measurements)
+    assert refused.value.names[0] == "the sign of q_upper is turned"
 
 
 def test_geometry_of_a_loop_that_nothing_lets_give_across_its_plane_is_refused(tmp_path):

@@ -181,3 +181,20 @@ def test_any_link_is_asked_as_the_tip_is(tmp_path, name):
         # are small: a law between a wrench in flexed axes and exponential coordinates has no potential.
         tip = found.link_names.index(arm.robot.tip)
         assert_close(own.link_loads[:, tip], np.swapaxes(found.link_loads[:, place], 1, 2), 0.05)
+
+
+@pytest.mark.parametrize("name", ["heavy_six", "palletizer"])
+def test_what_is_asked_together_is_what_is_asked_alone(name):
+    """With rows of two payloads in turn, which do not follow each other."""
+    arm = bundled(name)
+    q, bodies = (
+        positions(arm, 4) if arm.chain else np.tile(arm.position(), (4, 1)),
+        [Payload(15.0, [0.2, 0.1, 0.0]), "none"] * 2,
+    )
+    together, alone = (
+        respond(arm, q, bodies, ask=("joints", "twists", "link_loads", "wrenches", "links")),
+        respond(arm, q, bodies),
+    )
+    for member in ("links", "wrenches", "laws", "joints", "twists", "link_loads"):
+        assert_close(getattr(together, member), getattr(alone, member), 1e-12)
+    assert_close(together.per_load[1:2], respond(arm, q[1:2], ["none"], ask=("per_load",)).per_load, 1e-12)
