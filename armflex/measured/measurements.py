@@ -529,7 +529,8 @@ def _measurements(
             for row in np.flatnonzero(~np.isin(approach[:, index], (-1.0, 0.0, 1.0)))[:1]:
                 raise table.fail(f"{name} is {approach[row, index]:g}, not -1, 0 or 1", row)
     hold = table.numbers("hold") if "hold" in table.columns else None
-    for row in np.flatnonzero(hold < 0.0)[:1] if hold is not None else ():
+    if hold is not None and (hold < 0.0).any():
+        row = int((hold < 0.0).argmax())
         raise table.fail(f"hold is {hold[row]:g} s: the load has stood for 0 s at least", row)
     tracked: dict[str, Any] = {}
     if POSITION[0] in table.columns or not readings.kinds:
