@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from armflex.conventions import Array
 from armflex.estimate.block import amplitude_prior
 from armflex.estimate.blocks import sensor_block
-from armflex.estimate.view import look
+from armflex.estimate.view import View, look
 from armflex.laws.effects.context import MASS
 from armflex.laws.effects.effect import Effect
 from armflex.linear_gaussian import LinearGaussian
@@ -30,6 +30,7 @@ from armflex.plan.planned_rows import DISTINGUISHED
 from armflex.plan.planning import reach_of
 from armflex.readings import Position, Readings
 from armflex.readings.encoder import Shaft
+from armflex.readings.sensor import Sensor
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH, STILL, last_motion
 
@@ -222,15 +223,13 @@ class Question:
         seen = seen.reshape(len(orders), count + 1, *seen.shape[1:])[:, 1:]
         return np.array([self.goal.value(self.model.known.with_rows(seen_rows)) for seen_rows in seen])
 
-    def split_by(self, number: int) -> tuple[tuple[str, float], ...]:
-        """Return the best of each sort of instrument nobody has that distinguishes a pair, and by how much [sigma].
-
-        Each is read in some rows of the campaign. What is open of an instrument itself is found from the same readings.
-        """
+    @cached_property
+    def _unread(self) -> tuple[View, Array, dict[str, Sensor]]:
+        """Rows of the campaign with every instrument that nobody has, how its readings answer, and them by name."""
         assert self.before.measured is not None
-        view, gram, truth = self.before.measured.view, self.model.known, self.goal.truths[number]
-        sampled = view.some(np.unique(np.linspace(0, len(view.rows) - 1, READ).astype(int)))
+        view = self.before.measured.view
         declared, read = view.arm.sensors, view.readings.names
+        sampled = view.some(np.unique(np.linspace(0, len(view.rows) - 1, READ).astype(int)))
         sensors = {sensor.name: sensor for word in SPLITTING for sensor in unlike(view.arm, word, read)}
         sensors = {name: sensor for name, sensor in sensors.items() if name not in declared}
         setup = replace(view.setup, arm=replace(view.arm, sensors={**declared, **sensors}))
@@ -239,16 +238,32 @@ class Question:
         here = replace(sampled, setup=setup, readings=readings, residual=np.zeros((len(sampled.rows), readings.size)))
         here = replace(here, readings=readings.within_range(here.at))
         after = answers([block.of_rows(view.context) for block in self.model.blocks], here) * self.model.scale
-        best, unread = dict[str, tuple[str, float]](), [sensor for name, sensor in declared.items() if name not in read]
+        return here, after, sensors
+
+    def split_by(self, number: int) -> tuple[tuple[str, float], ...]:
+        """Return the best of each sort of instrument nobody has that distinguishes a pair, and by how much [sigma].
+
+        Each is read in some rows of the campaign. What is open of an instrument itself is found from the same readings.
+        """
+        gram, truth = self.model.known, self.goal.truths[number]
+        others, departure = gram.conditional(truth.others), truth.departure(gram)
+        here, after, sensors = self._unread
+        assert self.before.measured is not None
+        view, best = self.before.measured.view, dict[str, tuple[str, float]]()
+        unread = [sensor for name, sensor in view.arm.sensors.items() if name not in view.readings.names]
         for kind, place in here.readings.placed:
-            open_of_it = sensor_block(setup, kind.name, ("",))
+            open_of_it = sensor_block(here.setup, kind.name, ("",))
             columns = open_of_it.jacobian(here)[:, place] / here.sigma[:, place, None]
-            both = LinearGaussian(np.asarray(block_diag(gram.information, np.diag(open_of_it.prior**-2.0))))
-            both = both.with_rows(np.concatenate([after[:, place], columns], axis=2))
-            count = columns.shape[2]
-            others = np.append(truth.others, len(truth.own) + np.arange(count))
-            wider = Truth(np.append(truth.own, np.zeros(count)), others, truth.held)
-            more = wider.chi_square(both, wider.departure(both)) - self.goal.now[number]
+            rows = after[:, place].reshape(-1, len(truth.own))
+            there, columns = rows[:, truth.others], columns.reshape(len(rows), -1)
+            # What no reading determined so far is found from these, too.
+            free = np.hstack([columns, there @ others.null_space.T])
+            precision = np.append(open_of_it.prior**-2.0, np.zeros(len(others.null_space)))
+            spread = np.eye(len(rows)) + there @ others.solve(there.T)
+            left = np.linalg.solve(spread, rows @ departure)
+            score, information = free.T @ left, free.T @ np.linalg.solve(spread, free)
+            taken = score @ LinearGaussian(information + np.diag(precision)).solve(score)
+            more = float((rows @ departure) @ left - taken)
             word, sensor, sigmas = kind.name.partition("_")[0], sensors[kind.name], float(np.sqrt(max(more, 0.0)))
             if sigmas > max(SPLIT, best.get(word, ("", 0.0))[1]):
                 link = "the tip" if sensor.link == view.arm.robot.tip else sensor.link

@@ -229,7 +229,7 @@ class _Search:
     def _climbed(self, here: _At, free: Sequence[int]) -> tuple[_At, float]:
         """Return the best values near some, and the log of how much less their posterior is than a cell of the grid."""
         inners, count = [self.law.inner[i] for i in free], len(here.amplitudes)
-        damping, information = 1e-2, np.zeros((count, count))
+        damping, slopes, information = 1e-2, np.zeros((len(here.columns), 0)), None
         prior = np.array([float(one.spread is not None) for one in inners])  # of steps: a cell is its deviation
         for _ in range(MOST_ROUNDS):
             slopes = self.slopes(here.inner, here.columns, here.amplitudes, free)
@@ -251,9 +251,11 @@ class _Search:
                     trial, damping = None, max(5.0 * damping, 1e-3)
             if trial is None:
                 break
-            gain, here, damping = trial.value - here.value, trial, damping / 5.0
+            gain, here, damping, information = trial.value - here.value, trial, damping / 5.0, None
             if gain < BETTER:
                 break
+        if information is None:  # of where the last step led
+            information, _ = self.reduced(np.hstack([here.columns, slopes]))
         own = information[:count, :count] + np.diag(self.held(here.columns))
         across = information[count:, :count]
         inside = information[count:, count:] - across @ np.linalg.solve(own, across.T)
