@@ -347,7 +347,7 @@ def _by_dh(joined: Intake, source: SourceTable, arm: DhTable, tracked: bool) -> 
     joints, notes = [name.removeprefix("q_") for name in joined.columns if name.startswith("q_")], joined.notes
     if names := next((names for _, names in SETS if {*names} == {*joints}), None):  # ROS sorts them by name
         joints = list(names)
-    elif all(joint[-1:].isdigit() for joint in joints):
+    elif len({joint.rstrip("0123456789") for joint in joints}) == 1 and all(joint[-1:].isdigit() for joint in joints):
         joints.sort(key=lambda joint: int(re.findall(r"\d+", joint)[-1]))
     else:
         notes = (*notes, f"the rows of {source.title} are {listing(joints)}")

@@ -528,6 +528,10 @@ def _measurements(
             approach[:, index] = table.numbers(name)
             for row in np.flatnonzero(~np.isin(approach[:, index], (-1.0, 0.0, 1.0)))[:1]:
                 raise table.fail(f"{name} is {approach[row, index]:g}, not -1, 0 or 1", row)
+    hold = table.numbers("hold") if "hold" in table.columns else None
+    if hold is not None and (hold < 0.0).any():
+        row = int((hold < 0.0).argmax())
+        raise table.fail(f"hold is {hold[row]:g} s: the load has stood for 0 s at least", row)
     tracked: dict[str, Any] = {}
     if POSITION[0] in table.columns or not readings.kinds:
         names = EACH if "sigma" not in table.columns and any(name in table.columns for name in EACH) else ("sigma",)
@@ -547,7 +551,7 @@ def _measurements(
         measured=measured | readings.read,
         readings=readings,
         **tracked,
-        hold=table.numbers("hold") if "hold" in table.columns else None,
+        hold=hold,
         places=tuple(Place(table.path, line) for line in table.lines),
         derived=tuple(name for name in ("time", *directions) if name not in table.columns),
         wrenches=read_loads(table, arm, unnamed.force),

@@ -25,7 +25,7 @@ BESIDE = "_armflex_engine"
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 BASELINE, FAST = "baseline", "v3"
 
-FLAGS = ("-std=gnu99", "-shared", "-Wno-psabi", "-fno-strict-aliasing")
+FLAGS = ("-std=gnu99", "-O3", "-shared", "-Wno-psabi", "-fno-strict-aliasing")
 """Not -ffast-math: in a shared library gcc's turns denormals off for the whole process."""
 
 WANTED = "armflex compiles its engine, and needs a C compiler: install gcc or clang, or `pip install ziglang`"
@@ -64,7 +64,7 @@ def compile_engine(into: Path) -> list[Path]:
         compiler, zig = [sys.executable, "-m", "ziglang", "cc", "-fno-sanitize=all"], True
     libraries = []
     for level in (BASELINE, FAST) if on_x86_64() else (BASELINE,):
-        march = ["-O3"] if level == BASELINE else ["-O2", "-mcpu=x86_64_v3" if zig else "-march=x86-64-v3"]
+        march = [] if level == BASELINE else ["-mcpu=x86_64_v3" if zig else "-march=x86-64-v3"]
         link = [] if sys.platform == "win32" else ["-fPIC", "-lm"]
         library = into / library_name(level)
         part = library.with_name(f"{library.stem}.{os.getpid()}{SUFFIX}")  # two builds may be at it

@@ -536,3 +536,14 @@ def test_places_beside_joints_with_angles_of_the_tool_may_be_the_controllers_own
     (tmp_path / "log.csv").write_text("\n".join(",".join(map(str, row)) for row in [head, *rows]) + "\n")
     found = intake([tmp_path / "log.csv"], 5e-5)
     assert any("these compute them from the joints; are they measured?" in note for note in found.notes)
+
+
+def test_rows_of_a_dh_table_are_joints_in_the_order_of_the_log_where_two_series_are_counted(tmp_path: Path) -> None:
+    heads = [*(f"A{i} [deg]" for i in range(1, 6)), "E1 [deg]"]
+    paths = spelt(tmp_path, heads)
+    rows = [f"0,{100 * i},50,90" for i in range(6)]
+    (tmp_path / "dh.csv").write_text("\n".join(["theta [deg],d [mm],a [mm],alpha [deg]", *rows]) + "\n")
+    found = intake([*paths, tmp_path / "dh.csv"], 5e-5, {"E1 [deg]": "q_E1_deg"}, dh="standard")
+    joints = tomllib.loads(found.arm or "")["robot"]["joint"]
+    assert list(joints) == [*(f"A{i}" for i in range(1, 6)), "E1"]
+    assert any("the rows of dh.csv are A1, A2" in note for note in found.notes)

@@ -212,6 +212,12 @@ def test_orientations_that_cannot_be_used_are_refused(heavy: Arm, tmp_path: Path
         read_measurements(written(tmp_path, [row | added for row in campaign()]), heavy)
 
 
+def test_a_load_that_has_stood_for_less_than_nothing_is_refused(heavy: Arm, tmp_path: Path) -> None:
+    rows = [row | {"hold": -5.0 if i == 3 else 0.0} for i, row in enumerate(campaign())]
+    with pytest.raises(TableError, match=r"rows\.csv:5: hold is -5 s: the load has stood for 0 s at least"):
+        read_measurements(written(tmp_path, rows), heavy)
+
+
 def test_rotations_without_their_standard_deviation_make_no_campaign(heavy: Arm, tmp_path: Path) -> None:
     found = read_measurements(written(tmp_path, campaign()), heavy)
     with pytest.raises(InputError, match="sigma_r"):
