@@ -706,6 +706,9 @@ static int factor(double *matrix, whole n, whole wide, whole *order)
         }
         order[c] = best;
         if (!(fabs(matrix[best * wide + c]) > 0.0)) {
+            for (whole r = c + 1; r < n; r++) { /* whoever solves it all the same gets what is no number */
+                order[r] = r;
+            }
             return 0;
         }
         swap_rows(matrix + c * wide, matrix + best * wide, wide);
