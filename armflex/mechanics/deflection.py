@@ -203,7 +203,7 @@ class Deflection(_Result[float]):
         shift, turn = (float(np.linalg.norm(part)) for part in (self.displacement[:3], self.displacement[3:]))
         flags = ", ".join(flag.code for flag in self.flags) or "none"
         moves = f"{self.names.tip} moves {shift * 1e3:.4g} mm and turns {turn * 1e3:.3g} mrad"
-        return f"<Deflection: {moves} under {self.payload.mass:g} kg ({self.method}); flags: {flags}>"
+        return f"<Deflection: {moves} under {self.payload.mass:g} kg; flags: {flags}>"
 
     @property
     def arm(self) -> Structure:
