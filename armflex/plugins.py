@@ -21,8 +21,6 @@ T = TypeVar("T")
 
 GROUPS = ("armflex.effects", "armflex.laws", "armflex.readings", "armflex.exporters")
 
-UNKNOWN = "{!r} is not known, and no plug-in that is installed has it"
-
 HERE = "armflex"
 """The distribution that everything else of a registry is of."""
 

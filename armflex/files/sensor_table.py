@@ -6,7 +6,6 @@ import numpy as np
 
 from armflex.conventions import SMALLEST_STD
 from armflex.declaration import Declaration
-from armflex.plugins import UNKNOWN
 from armflex.readings import SENSOR_KINDS
 from armflex.readings.sensor import LONGEST, Sensor
 from armflex.robot import Robot
@@ -24,7 +23,7 @@ def read_sensors(tables: dict[str, Declaration], robot: Robot) -> dict[str, Sens
 
 
 def _read(name: str, table: Declaration, robot: Robot) -> Sensor:
-    kind = SENSOR_KINDS[table.choice("kind", tuple(SENSOR_KINDS), problem=UNKNOWN)]
+    kind = SENSOR_KINDS[table.choice("kind", tuple(SENSOR_KINDS))]
     said = kind.declared(table, robot)
     kind = said.pop("kind", kind)
     declared, std = [np.zeros(0)], [np.zeros(0)]

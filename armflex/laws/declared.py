@@ -24,7 +24,7 @@ from armflex.laws.law import Law, Ranges, Row
 from armflex.laws.law_file import FORMS, load_law
 from armflex.laws.learned import LearnedLaw, Learning
 from armflex.laws.learned.learned_law import TRAINED_ALONE
-from armflex.plugins import UNKNOWN, Registry
+from armflex.plugins import Registry
 from armflex.robot import Site
 
 NEAR = 0.1
@@ -129,7 +129,7 @@ def read_meshed(table: Declaration) -> tuple[Part, Array]:
 
 def law_name(table: Declaration) -> str:
     """Return the name of the law that a table declares."""
-    return table.choice("model", tuple(dict.fromkeys((*LAWS, *FORMS))), "linear", UNKNOWN)
+    return table.choice("model", tuple(dict.fromkeys((*LAWS, *FORMS))), "linear")
 
 
 def read_structural(table: Declaration, joint: str, ranges: Ranges) -> StructuralLaw:
