@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from support.pages import BROWSER, QUIET, hue_share, picture, sheets
+from support.pages import BROWSER, QUIET, browse, hue_share, picture, sheets
 from support.small_arms import ROBOTS, joint, link, robot, write
 
 from armflex import Arm, InputError, Payload, Trajectory, Wrench, check, load_arm, view
@@ -482,9 +482,8 @@ def test_names_of_via_points_at_one_place_are_stacked(heavy: Arm, tmp_path: Path
     names = tuple(f"weld_{i}" for i in range(12))
     path = Trajectory(heavy.joint_names, np.arange(12.0), q, ("none",) * 12, names)
     view(heavy, trajectory=path, path=tmp_path / "stacked.html")
-    flags = [*QUIET, "window-size=1280,800", f"user-data-dir={tmp_path / 'profile'}", "virtual-time-budget=300"]
-    command = [BROWSER, *(f"--{flag}" for flag in flags), "--dump-dom", (tmp_path / "stacked.html").as_uri()]
-    drawn = subprocess.run(command, check=True, capture_output=True, text=True, timeout=600).stdout
+    flags = [*QUIET, "window-size=1280,800", "virtual-time-budget=300", "dump-dom"]
+    drawn = browse((tmp_path / "stacked.html").as_uri(), flags, tmp_path / "profile")
     form = re.compile(r"<span[^>]*visibility: visible; transform: translate\(([\d.]+)px, ([\d.]+)px\)[^>]*>weld_")
     places = np.array([match.groups() for match in form.finditer(drawn)], dtype=float)
     apart = np.abs(places[:, None] - places) + np.diag(np.full(len(places), 1e3))[:, :, None]
