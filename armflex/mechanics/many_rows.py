@@ -527,7 +527,7 @@ def by_payload(
 
 def chunks(rows: np.ndarray, size: int) -> Iterator[slice | np.ndarray]:
     """Yield rows `size` at a time, as slices where they follow each other: those are not copied."""
-    together = len(rows) > 0 and rows[-1] - rows[0] + 1 == len(rows)
+    together = len(rows) > 0 and bool((np.diff(rows) == 1).all())
     for some in in_pieces(rows, size):
         yield slice(int(some[0]), int(some[-1]) + 1) if together else some
 
