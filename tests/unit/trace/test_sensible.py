@@ -118,8 +118,8 @@ def test_a_centre_of_mass_stays_within_a_metre(before):
 @pytest.mark.parametrize(("axis", "softest"), [("dx", SOFTEST[0]), ("dz", SOFTEST[0]), ("ry", SOFTEST[1])])
 def test_hysteresis_is_no_softer_than_a_joint_can_be(before, axis, softest):
     """Under loads so small that no gain makes a large twist of them; one below zero would make energy."""
-    line = replace(before.fit.view.line)
-    line.__dict__["wrenches"] = 1e-4 * before.fit.view.line.wrenches
+    line = before.fit.view.line
+    line = replace(line, _kept={"wrenches": 1e-4 * line.wrenches})
     fit = replace(before.fit, view=replace(before.fit.view, line=line))
     loads = {site: 1e-4 * wrenches for site, wrenches in before.context.wrenches.items()}
     state = replace(before, fit=fit, context=replace(before.context, wrenches=loads))
