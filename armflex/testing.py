@@ -86,9 +86,8 @@ def check_law(model: LawModel, joint: str = "J2") -> None:
     assert not beyond, f"its terms depend on the column {beyond[0]!r}: what depends on a recorded column is an effect"
     names = [parameter.name for parameter in law.parameters]
     assert len(names) == len(set(names)) == len(law.values), f"{names}: a name for every value, each once"
-    again = law.at(law.values * 1.01 + 1e-9)
-    _close(law.at(law.values).values, law.values, 1e-12, "values of `at` with its own")
-    _close(again.values, law.values * 1.01 + 1e-9, 1e-12, "values of `at` with others")
+    for values in (law.values, law.values * 1.01 + 1e-9):
+        _close(law.at(values).values, values, 1e-12, "values of `at`, and those that it was given,")
     rng = np.random.default_rng(2)
     rows = Row(_positions(heavy, 8, 1), heavy.joint_index)
     loads = SIZE * rng.uniform(-1.0, 1.0, (8, 6))
@@ -100,12 +99,13 @@ def check_law(model: LawModel, joint: str = "J2") -> None:
         _close(twist_of(law.known_terms, loads, rows), law.twist(loads, rows), 1e-9, "twist of the terms")
         _close(tangent_of(law.known_terms, loads, rows), law.tangent(loads, rows), 1e-9, "tangent of the terms")
     assert (np.einsum("ni,ni->n", loads, law.twist(loads, rows)) >= 0.0).all(), "a load that does negative work"
-    if softer := law.scaled(np.full(6, np.sqrt(SOFTER))):
+    softer = law.scaled(np.full(6, np.sqrt(SOFTER)))
+    if softer:
         more = np.einsum("ni,ni->n", loads, softer.twist(loads, rows) - law.twist(loads, rows))
         assert more.min() >= 0.0 < more.max(), "scaled by a factor above 1 it gives more"
     arm = _with_law(heavy, joint, law)
     _check_deflections(arm, {})
-    if softer := law.scaled(np.full(6, np.sqrt(SOFTER))):
+    if softer:
         driven = Rows.of(arm.joint_names, _positions(arm, 60, 5), (PAYLOAD, "empty") * 30, {}, derived=("time",))
         arm = replace(arm, prior=replace(arm.prior, compliance=0.3), instrument=None)
         truth = look(Setup(_with_law(arm, joint, softer), Instrument()), driven).line.tip[:, :3, 3]

@@ -265,6 +265,12 @@ static inline packs crossed(packs a, packs b)
 static inline packs sum(packs a, packs b) { return (packs){add(a.x, b.x), add(a.y, b.y), add(a.z, b.z)}; }
 static inline packs less(packs a, packs b) { return (packs){sub(a.x, b.x), sub(a.y, b.y), sub(a.z, b.z)}; }
 static inline packs share(pack s, packs a) { return (packs){mul(s, a.x), mul(s, a.y), mul(s, a.z)}; }
+static inline void put_columns(double *to, whole width, packs v)
+{
+    put(to, v.x);
+    put(to + width, v.y);
+    put(to + 2 * width, v.z);
+}
 static inline void add_columns(double *to, whole width, packs v)
 {
     put(to, add(get(to), v.x));
@@ -1667,12 +1673,8 @@ static void turn_in(const double *field, const double *turn, const double *at, d
         packs force = columns(field + b, TIP), moment = columns(field + b + 3 * TIP, TIP);
         moment = back_turned(turn, 3, sum(moment, crossed(force, spread3(at))));
         force = back_turned(turn, 3, force);
-        put(found + b, scale(sign, force.x));
-        put(found + b + TIP, scale(sign, force.y));
-        put(found + b + 2 * TIP, scale(sign, force.z));
-        put(found + b + 3 * TIP, scale(sign, moment.x));
-        put(found + b + 4 * TIP, scale(sign, moment.y));
-        put(found + b + 5 * TIP, scale(sign, moment.z));
+        put_columns(found + b, TIP, share(spread(sign), force));
+        put_columns(found + b + 3 * TIP, TIP, share(spread(sign), moment));
     }
 }
 
@@ -1846,12 +1848,8 @@ static void lift(const here *h, whole k, const double *own, double *lifted)
     for (int b = 0; b < TIP; b += WIDE) {
         packs linear = back_turned(back, 3, columns(own + b, TIP)), angular = back_turned(back, 3, columns(own + b + 3 * TIP, TIP));
         linear = sum(linear, crossed(spread3(h->origin + 3 * k), angular));
-        put(lifted + b, linear.x);
-        put(lifted + b + TIP, linear.y);
-        put(lifted + b + 2 * TIP, linear.z);
-        put(lifted + b + 3 * TIP, angular.x);
-        put(lifted + b + 4 * TIP, angular.y);
-        put(lifted + b + 5 * TIP, angular.z);
+        put_columns(lifted + b, TIP, linear);
+        put_columns(lifted + b + 3 * TIP, TIP, angular);
     }
 }
 
@@ -1861,12 +1859,8 @@ static void move_flexure(const double *load, const double *across, const double 
     for (int b = 0; b < TIP; b += WIDE) {
         packs linear = columns(across + b, TIP), angular = columns(across + b + 3 * TIP, TIP);
         packs pull = crossed(spread3(load), angular), turn = sum(crossed(spread3(load + 3), angular), crossed(spread3(load), linear));
-        put(moved + b, pull.x);
-        put(moved + b + TIP, pull.y);
-        put(moved + b + 2 * TIP, pull.z);
-        put(moved + b + 3 * TIP, turn.x);
-        put(moved + b + 4 * TIP, turn.y);
-        put(moved + b + 5 * TIP, turn.z);
+        put_columns(moved + b, TIP, pull);
+        put_columns(moved + b + 3 * TIP, TIP, turn);
     }
     add_product(6, 1.0, stiff, step, 1, across, TIP, 6, moved, TIP, TIP);
 }
@@ -2277,12 +2271,8 @@ static void respond_rows(const arm *a, whole rows, const double *q, const double
             for (int b = 0; b < TIP; b += WIDE) {
                 const double *moved = motion + k * 6 * TIP + b;
                 packs about = columns(moved + 3 * TIP, TIP), way = sum(columns(moved, TIP), crossed(about, spread3(at)));
-                put(each + b, way.x);
-                put(each + b + TIP, way.y);
-                put(each + b + 2 * TIP, way.z);
-                put(each + b + 3 * TIP, about.x);
-                put(each + b + 4 * TIP, about.y);
-                put(each + b + 5 * TIP, about.z);
+                put_columns(each + b, TIP, way);
+                put_columns(each + b + 3 * TIP, TIP, about);
             }
             transpose(each, f->motions + 36 * (row * f->bodies + i), 6);
         }
