@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotri
+from scipy.linalg import get_lapack_funcs
+from scipy.linalg.lapack import dpotrf
 
 from armflex.bench.fitted import Fitted, seen_loads
 from armflex.bench.network_problem import (
@@ -185,7 +186,8 @@ def laplace(problem: NetworkProblem, weights: Array, precisions: Array, noise: A
         values = np.maximum(values, precision.min())
         covariance, log_determinant = (vectors / values) @ vectors.T, np.log(values).sum()
     else:
-        lower = np.tril(dpotri(factor, lower=1)[0])
+        (invert,) = get_lapack_funcs(("potri",), (factor,))
+        lower = np.tril(invert(factor, lower=1)[0])
         covariance, log_determinant = lower + np.tril(lower, -1).T, 2.0 * np.log(np.diag(factor)).sum()
     occam = 0.5 * (np.log(precision).sum() - log_determinant)
     scale = len(problem.x) * np.log(noise * np.sqrt(2.0 * np.pi)).sum()
