@@ -98,14 +98,14 @@ def pins_off_root(bent: Sequence[Flexure], robot: Robot, springs: Sequence[Sprin
     """
     ends = {flexure.name: robot.urdf.joints[f"{flexure.name}:end"].origin for flexure in bent}
     for tie in (*robot.linkage.loops, *robot.linkage.cylinders, *springs):
-        for link, point in ((tie.link, tie.at), (tie.to, tie.at_to)):
-            if link not in ends:
-                continue
+        both = (tie.link, tie.at), (tie.to, tie.at_to)
+        for link, point in (end for end in both if end[0] in ends):
             length = float(np.linalg.norm(ends[link]))
             if (along := float(point @ ends[link]) / length) > AT_ROOT * length:
-                text = f"the pin of {tie.name!r} is {along:.3g} m from the root of link {link!r}, {along / length:.0%} along"
-                text += " it, and the link bends behind its pins alone: what bends before this one is taken as unheld, and"
-                yield Flag("pin_off_root", f"{text} the sag is wrong; split link {link!r} and its mesh in two at the pin")
+                text = f"the pin of {tie.name!r} is {along:.3g} m from the root of link {link!r}, {along / length:.0%}"
+                text += " along it, and the link bends behind its pins alone: what bends before this one is taken as unheld,"
+                text += f" and the sag is wrong; split link {link!r} and its mesh in two at the pin"
+                yield Flag("pin_off_root", text)
 
 
 def _ended(robot: Robot, joint: Joint, rest: Inertial | None, end: Inertial | None) -> Robot:

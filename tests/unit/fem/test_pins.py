@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +47,7 @@ def urdf(*links: tuple[str, float]) -> str:
     text = '<robot name="jib"><link name="base"/><link name="hook"/>' + "".join(body(*link) for link in links)
     text += f'<joint name="luff" type="revolute"><parent link="base"/><child link="{links[0][0]}"/><axis xyz="0 1 0"/>'
     text += '<limit lower="-1" upper="1" effort="1e6" velocity="1"/></joint>'
-    for (inner, length), (outer, _) in zip(links[:-1], links[1:], strict=True):
+    for (inner, length), (outer, _) in pairwise(links):
         text += f'<joint name="{outer}_on" type="fixed"><parent link="{inner}"/><child link="{outer}"/>'
         text += f'<origin xyz="{length} 0 0"/></joint>'
     return text + END.format(*links[-1])
