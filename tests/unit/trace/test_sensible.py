@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -326,6 +327,7 @@ def test_a_play_whose_radius_is_nothing_takes_nothing_from_a_compliance():
     eccentric = Candidate(CATALOGUE["encoder_eccentricity"], Location(wrist, "rz", own, (0, 1)), ())
     arm, rows = six_axes.campaign(100, 1, [soft, eccentric.effect(np.array([2.3e-3, 1.9e-3]))])
     traced = trace(arm, rows)
-    chances = {(effect.law.name, effect.location.site): chance for effect, chance in traced.suspects}
-    assert chances["compliance", joint] > 0.1
-    assert sum(chance for (law, _), chance in chances.items() if law == "hysteresis") < 0.1
+    chances = Counter[str]()
+    for effect, chance in traced.suspects:
+        chances[effect.law.name] += chance
+    assert chances["compliance"] > 0.3 and chances["hysteresis"] < 0.1
