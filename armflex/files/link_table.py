@@ -103,8 +103,8 @@ def pins_off_root(bent: Sequence[Flexure], robot: Robot, springs: Sequence[Sprin
             length = float(np.linalg.norm(ends[link]))
             if (along := float(point @ ends[link]) / length) > AT_ROOT * length:
                 text = f"the pin of {tie.name!r} is {along:.3g} m from the root of link {link!r}, {along / length:.0%}"
-                text += " along it, and the link bends behind its pins alone: what bends before this one is taken as unheld,"
-                text += f" and the sag is wrong; split link {link!r} and its mesh in two at the pin"
+                text += " along it, and the link bends behind its pins alone: what bends before this one is taken as"
+                text += f" unheld, and the sag is wrong; split link {link!r} and its mesh in two at the pin"
                 yield Flag("pin_off_root", text)
 
 

@@ -144,7 +144,7 @@ class CheckReport(Result):
 
     @property
     def asked(self) -> str:
-        """What the path is held against, for people."""
+        """The tolerances that the path is compared with, for people."""
         least, most = (
             f(point.tolerance_m for point in self.rows) if self.rows else self.tolerance_m for f in (min, max)
         )
