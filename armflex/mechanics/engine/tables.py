@@ -48,6 +48,10 @@ ARRAYS = (
 )
 
 
+BY_ROW = ("compliance", "offset", "weights", "wrenches", "changes", "motion")
+"""Arrays that have a row of their own for each row that is asked about."""
+
+
 class ArmStruct(Structure):
     """`arm` of engine.h."""
 
@@ -399,8 +403,11 @@ class Tables:
         self._point("bounds", checked(bounds, "bounds", REAL, 2, self.tree.driven))
 
     def forget(self) -> None:
-        """Forget for how many rows laws and loads are."""
-        struct, self._laws = self.struct, None
+        """Forget for how many rows laws and loads are, and let go of what is by row."""
+        struct, kept, self._laws = self.struct, self._kept, None
+        for name in BY_ROW:
+            if len(kept.get(name, ())) > 1:
+                del kept[name]
         struct.law_rows = struct.weight_rows = struct.wrench_rows = struct.change_rows = 0
         struct.motion = None
 
