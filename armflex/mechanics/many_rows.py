@@ -390,7 +390,7 @@ class RowSolver:
     def within_limits(self, q: Array) -> np.ndarray:
         """Return (N,) at which (N, nq) positions the bound holds."""
         inside = (q >= self._lower) & (q <= self._upper)
-        return np.ones(len(q), dtype=bool) if inside.all() else inside.all(axis=1)
+        return np.ones(len(q), dtype=bool) if inside.all() else np.all(inside, axis=1)
 
     def linearise(self, row: Row, laws: RowLaws, found: Solution, some: np.ndarray) -> tuple[Array, Array]:
         """Return how the tip responds to changes of the laws in some rows, and how far its tangents are from rigid.
