@@ -12,7 +12,7 @@ import numpy as np
 from armflex.arguments import checked_init, checked_kinds
 from armflex.arm import Arm, warn
 from armflex.conventions import Array, real_array
-from armflex.errors import Flag, InputError, Place, ShapeError, TableError, naming
+from armflex.errors import Flag, InputError, Place, ShapeError, TableError, listing, naming
 from armflex.laws.effects.context import MASS
 from armflex.laws.effects.in_arm import check_approaches, check_covariates, derived_direction
 from armflex.measured.data_flags import check_joint_units, unit_flags
@@ -423,6 +423,7 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
     kinds |= {name: kinds[driven] for name, driven in zip(names[TARGET], names["q"], strict=True)}
     table = read_table(path, kinds)
     check_same_arm(table, arm)
+    _refuse_passive(table, arm)
     table.require(["time", *names["q"]])
     columns = [*kinds, *FORCE_TEXTS, "payload", "via"]
     others = [name for name in table.columns if name not in columns]
@@ -465,6 +466,20 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
         target=moved[TARGET],
         tolerance=_tolerance(table),
     )
+
+
+def _refuse_passive(table: Table, arm: Arm) -> None:
+    """Raise `TableError` at a column of the position of a joint without a drive, naming the drives it follows from."""
+    passive, driven = arm.robot.linkage.free, {f"q_{joint}" for joint in arm.joint_names}
+    for name in [name for name in table.columns if name not in driven]:
+        joint = next((joint for joint in passive if f"q_{joint}" in (name, name.rpartition("_")[0])), None)
+        if joint is None:
+            continue
+        cylinders = [cylinder.name for cylinder in arm.robot.linkage.cylinders]
+        drives = listing(f"q_{drive}" for drive in cylinders or arm.joint_names)
+        drives += " (the length of the cylinder between its pins [m])" if cylinders else ""
+        text = f"column {table.columns[name].header!r}: joint {joint!r} has no drive, and its position follows from"
+        raise table.fail(f"{text} those that have one: leave it out and give {drives}")
 
 
 def _tolerance(table: Table) -> Array | None:

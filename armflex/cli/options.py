@@ -558,7 +558,8 @@ def configuration(function: Callable) -> Callable:
     ) -> Any:
         show_flags(about_time(arm, (TIME, *covariates)))
         wrenches = [parse_force(text, arm) for text in forces]
-        q, arm = parse_positions(",".join(positions), arm)
+        along = rest.get("trajectory_path") is not None and not positions  # a path brings its own positions
+        q, arm = (arm.robot.home, arm) if along else parse_positions(",".join(positions), arm)
         return function(arm, q, payload, wrenches=wrenches, covariates=settled_covariates(arm, covariates), **rest)
 
     return configured

@@ -30,6 +30,9 @@ MOST = 0.999
 HEAVIER = 0.02
 """Share by which the masses of a link in the robot's file and in its mesh may differ without a flag."""
 
+NOTICED = 1e-3
+"""Distance [m] between the end of a mesh and its joint from which on it is said."""
+
 AT_ROOT = 0.01
 """Share of a link's length within which a pin is at its root: the share of the link whose bending it may misplace."""
 
@@ -58,12 +61,15 @@ def read_link(name: str, table: Declaration, robot: Robot) -> tuple[Robot, Flexu
     if (apart := float(np.linalg.norm(tip.translation - joint.origin))) > NEAR * length:
         text = f"{part.loaded[0]!r} is at {np.round(tip.translation, 4).tolist()} of the link, {apart:.3g} m from joint"
         text += f" {joint.name!r} at {np.round(joint.origin, 4).tolist()}"
-        raise table.fail("file", f"{text}: say with xyz and rpy where the mesh is")
+        raise table.fail("file", f"{text}: say with xyz and rpy where the mesh is, or mesh the link up to the joint")
+    inertial, mass, flags = robot.urdf.links[name].inertial, float(np.trace(part.weight[:3])) / 3.0, []
+    if apart > NOTICED:
+        text = f"the mesh of link {name!r} ends {apart * 1e3:.3g} mm from joint {joint.name!r}, and the gap is taken as"
+        flags.append(Flag("mesh_gap", f"{text} rigid: move the mesh with xyz and rpy, or mesh the link to the joint"))
     placed = pin.SE3(joint.rotation, joint.origin)
     at_joint = placed.actInv(tip)
     drawing = Drawing(table.path.parent / table.text("file"), part, at_joint)
     law = MeshedLaw(part.seen_from(at_joint), part.young_std, drawing)
-    inertial, mass, flags = robot.urdf.links[name].inertial, float(np.trace(part.weight[:3])) / 3.0, []
     if inertial is None or mass <= 0.0:
         text = f"link {name!r} does not bend under its own weight: its part or its link has no mass"
         flags.append(Flag("weightless", text))

@@ -23,6 +23,14 @@ KINDS = {
     **dict.fromkeys(TWIST_NAMES[3:], "angle"),
 }
 
+ONE_AXIS = {
+    **dict.fromkeys(("moment", "torque"), "moment"),
+    **dict.fromkeys(("rotation", "angle"), "angle"),
+    "force": "force",
+    **dict.fromkeys(("shift", "displacement"), "length"),
+}
+"""Columns of a bench that loads one axis and does not name it."""
+
 LARGEST = 1e12
 """No bench loads or deflects by more of any SI unit; the square of anything within is far from overflowing."""
 TOO_LARGE = "which no bench reaches"
@@ -97,9 +105,13 @@ def read_joint_data(path: Tabular, read_as: Mapping[str, str] | None = None) -> 
         TableError: A column is missing, misspelt or not numeric, or there are no more rows than components.
         UnitError: A column has no unit, or `read_as` names one that is not in the header or not of its kind.
     """
-    table, read_as = read_table(path, KINDS | {name.capitalize(): kind for name, kind in KINDS.items()}), read_as or {}
+    every = KINDS | {name.capitalize(): kind for name, kind in KINDS.items()}
+    table, read_as = read_table(path, every), read_as or {}
     small = {name: name.lower() for name in table.columns if name.lower() in KINDS.keys() - table.columns}
     table = replace(table, columns={small.get(name, name): column for name, column in table.columns.items()})
+    _refuse_one_axis(
+        table if {*WRENCH_NAMES[:3], *TWIST_NAMES[:3]} <= table.columns.keys() else read_table(path, every | ONE_AXIS)
+    )
     others = [name for name in table.columns if name not in KINDS]
     for name in others:
         if (meant := _meant(name)) is not None:
@@ -140,6 +152,47 @@ def read_joint_data(path: Tabular, read_as: Mapping[str, str] | None = None) -> 
 def as_joint_data(data: JointData | Tabular) -> JointData:
     """Return a bench table as it is, or what `read_joint_data` makes of a file or a data frame."""
     return data if isinstance(data, JointData) else read_joint_data(data)
+
+
+def _one_axis(table: Table) -> tuple[str, str] | None:
+    """Return the load and the deflection of a table that loads one axis alone, None of another table."""
+    kinds = {name: (KINDS | ONE_AXIS)[name.lower()] for name in table.columns if name.lower() in KINDS | ONE_AXIS}
+    both = [
+        [name for name, kind in kinds.items() if kind in some] for some in (("force", "moment"), ("length", "angle"))
+    ]
+    if all(len(names) > 1 for names in both):  # the other axes may stand there as zeros
+        both = [[name for name in names if np.any(table.plain(name))] for names in both]
+    if [len(names) for names in both] != [1, 1] or not all(table.columns[name].unit for (name,) in both):
+        return None
+    ((load,), (deflection,)) = both
+    pairs = dict(zip(WRENCH_NAMES, TWIST_NAMES, strict=True))
+    same = (kinds[load] == "moment") == (kinds[deflection] == "angle")
+    return (load, deflection) if same and pairs.get(load.lower(), deflection.lower()) == deflection.lower() else None
+
+
+def _refuse_one_axis(table: Table) -> None:
+    """Raise `TableError` where a table loads one axis alone, saying what its compliance is and how to declare it."""
+    if (found := _one_axis(table)) is None:
+        return
+    (pull, gives), (load, deflection) = (table.numbers(name) for name in found), (name.lower() for name in found)
+    joints, said = np.array(table.texts("joint") if "joint" in table.columns else ["NAME"] * len(table)), []
+    for joint in dict.fromkeys(joints.tolist()):
+        x, y = pull[joints == joint], gives[joints == joint]
+        if len(set(x.tolist())) < 3:
+            raise table.fail(f"has fewer than three different loads {found[0]!r} of joint {joint!r}")
+        line, unscaled = np.polyfit(x, y, 1, cov="unscaled")
+        std = float(np.sqrt(unscaled[0, 0] * np.sum((y - np.polyval(line, x)) ** 2) / (len(x) - 2)))
+        if not (softness := float(line[0])) > 0.0:
+            raise table.fail(f"{found[1]!r} of joint {joint!r} falls with {found[0]!r}: is a sign turned?")
+        axes = [f"{softness:.5g}" if name == load else "0" for name in WRENCH_NAMES]
+        how = f"compliance = [{', '.join(axes)}]"
+        if load in ONE_AXIS:
+            how = f"joint_stiffness = {1.0 / softness:.5g} (about the joint's own axis)"
+        unit = "rad/Nm" if KINDS.get(deflection, ONE_AXIS.get(deflection)) == "angle" else "m/N"
+        declared = f'[flexure.{joint}] joint = "{joint}", {how}, relative_std = {std / softness:.2g}'
+        said.append(f"{softness:.5g} ± {std:.2g} {unit}: {declared}")
+    text = f"loads one axis alone, {table.columns[found[0]].header!r} against {table.columns[found[1]].header!r}; train"
+    raise table.fail(f"{text} needs all of {listing(WRENCH_NAMES, 12)}. In the arm.toml it is {'; '.join(said)}")
 
 
 def _unit(table: Table, name: str, read_as: Mapping[str, str]) -> str:

@@ -278,6 +278,9 @@ def reach_of(
         lower, upper = np.where(far, middle - np.pi, lower), np.where(far, middle + np.pi, upper)
         names = listing(name for name, is_far in zip(arm.joint_names, far, strict=True) if is_far)
         flags = (*flags, Flag("one_turn", f"{names}: can go round more than once, planned within the middle turn"))
+    limited = np.array([joint.kind != "continuous" for joint in arm.robot.moving]) & ~far
+    margin = np.where(limited, CLEAR * (upper - lower), 0.0)
+    lower, upper = lower + margin, upper - margin
     kept = [effect.title for effect in arm.effects if effect.remembers]
     if kept:
         text = f"{listing(kept)} depends on the rows before: kept as it is, where it settles"

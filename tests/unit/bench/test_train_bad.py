@@ -26,6 +26,7 @@ from armflex.errors import (
     LawError,
     NotFiniteError,
     ShapeError,
+    TableError,
     UnknownNameError,
 )
 from armflex.laws.declared import read_assembly
@@ -262,3 +263,34 @@ def test_headers_of_a_bench_may_have_capitals_and_brackets(tmp_path: Path) -> No
     (tmp_path / "capital.csv").write_text("\n".join(["Fx [kN],Fy [kN],Fz [kN],Dx [mm],Dy [mm],Dz [mm],No", *lines[1:]]))
     found, plain = read_joint_data(tmp_path / "capital.csv"), read_joint_data(TABLE)
     assert np.array_equal(found.loads, plain.loads) and np.array_equal(found.deflections, plain.deflections)
+
+
+@pytest.mark.parametrize(
+    ("head", "zeros", "declared"),
+    [
+        ("joint,moment_kNm,rotation_mrad", "slew,", "joint_stiffness = {stiffness:.5g} (about the joint's own axis)"),
+        ("joint,my_kNm,ry_mrad", "slew,", "compliance = [0, 0, 0, 0, {softness:.5g}, 0]"),
+        (
+            "joint,fx_N,fy_N,fz_N,mx_Nm,mz_Nm,dx_mm,dy_mm,dz_mm,rx_mrad,rz_mrad,my_kNm,ry_mrad",
+            "slew,0,0,0,0,0,0,0,0,0,0,",
+            "compliance = [0, 0, 0, 0, {softness:.5g}, 0]",
+        ),
+    ],
+)
+def test_a_table_of_one_axis_is_answered_with_its_compliance(
+    tmp_path: Path, head: str, zeros: str, declared: str
+) -> None:
+    moments = np.linspace(-20.0, 20.0, 11)  # [kNm]
+    noise = 0.004 * np.random.default_rng(2).normal(size=11)
+    turns = 0.02 * moments + noise  # [mrad]
+    rows = [f"{zeros}{float(moment)!r},{float(turn)!r}" for moment, turn in zip(moments, turns, strict=True)]
+    (tmp_path / "bench.csv").write_text("\n".join([head, *rows]) + "\n")
+    with pytest.raises(TableError, match=r"loads one axis alone, 'm.*_kNm' against 'r.*_mrad'; train needs all") as met:
+        read_joint_data(tmp_path / "bench.csv")
+    # Ordinary least squares about the means.
+    softness = moments @ (turns - turns.mean()) / (moments @ moments)
+    left = turns - turns.mean() - softness * moments
+    std = np.sqrt(left @ left / 9.0 / (moments @ moments))
+    said = declared.format(softness=softness * 1e-6, stiffness=1e6 / softness)
+    assert f"{softness * 1e-6:.5g} ± {std * 1e-6:.2g} rad/Nm: [flexure.slew]" in str(met.value)
+    assert f'joint = "slew", {said}, relative_std = {std / softness:.2g}' in str(met.value)

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.small_arms import arm_of, joint, link
+from support.command_line import fine, run_here
+from support.small_arms import ROBOTS, arm_of, joint, link
 
 from armflex.cli.modes_command import print_modes
 
@@ -24,3 +25,13 @@ def test_a_stated_uncertainty_is_not_said_to_be_missing(
     text = " ".join(capsys.readouterr().out.split())
     assert (said in text) if said else ("not known" not in text)
     assert ("relative_std" in text) == (std is None)
+
+
+def test_a_path_brings_its_own_positions(tmp_path: Path) -> None:
+    """A cylinder's length is never zero: without positions it is taken in the middle of its limits, with a flag."""
+    lifter = ROBOTS / "hybrid_lifter"
+    rows = (lifter / "trajectory.csv").read_text().splitlines()[:2]
+    (tmp_path / "t.csv").write_text("\n".join(rows) + "\n")
+    done = fine(run_here(tmp_path, "modes", lifter / "arm.toml", "--traj", "t.csv", "--count", "2"))
+    assert "not_at_zero" not in done.stderr
+    assert "not_at_zero" in fine(run_here(tmp_path, "modes", lifter / "arm.toml", "--count", "2")).stderr

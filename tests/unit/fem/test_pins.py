@@ -107,3 +107,20 @@ def test_a_part_with_an_interface_at_its_pin_is_refused_with_the_remedy(tmp_path
     )
     with pytest.raises(ArmFileError, match="split the link and its mesh in two there"):
         armflex.load_arm(tmp_path / "arm.toml")
+
+
+def test_a_mesh_that_ends_short_of_its_joint_says_by_how_much(tmp_path: Path) -> None:
+    mesh(tmp_path, "boom", SPAN + OVERHANG)
+    (tmp_path / "arm.toml").write_text(
+        HEAD + 'to = "boom"\nat_to = [0.0, 0.0, 0.0]\n[link.boom]\nfile = "boom.toml"\n'.replace("0.0]", "-0.1]", 1)
+    )
+    for gap, said in ((0.0005, []), (0.05, ["50 mm"])):
+        (tmp_path / "r.urdf").write_text(
+            urdf(("boom", SPAN + OVERHANG)).replace('<origin xyz="2.0 0 0"/>', f'<origin xyz="{2.0 + gap} 0 0"/>')
+        )
+        arm = armflex.load_arm(tmp_path / "arm.toml")
+        assert [flag.text for flag in arm.flags if flag.code == "mesh_gap"] == [
+            f"the mesh of link 'boom' ends {gap} from joint 'end', and the gap is taken as rigid: "
+            "move the mesh with xyz and rpy, or mesh the link to the joint"
+            for gap in said
+        ]

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.small_arms import ROBOTS
 
-from armflex import Arm, InputError, Trajectory, read_trajectory, write_trajectory
+from armflex import Arm, InputError, Trajectory, load_arm, read_trajectory, write_trajectory
 from armflex.errors import ArmflexWarning, ShapeError, TableError
 
 JOINTS = ("M1", "A1", "A2", "A3", "A4", "A5", "A6")
@@ -222,3 +223,16 @@ def test_writing_where_nothing_can_be_written_leaves_nothing(tmp_path: Path) -> 
         with pytest.raises(InputError, match="cannot be written"):
             write_trajectory(awkward(3), place)
     assert [path.name for path in tmp_path.rglob("*")] == ["folder"]
+
+
+@pytest.mark.parametrize("column", ["q_lean", "q_lean_deg"])
+def test_the_position_of_a_joint_without_a_drive_is_refused_with_the_drives(tmp_path: Path, column: str) -> None:
+    arm = load_arm(ROBOTS / "hybrid_lifter" / "arm.toml")
+    passive = next(iter(arm.robot.linkage.passive))
+    header = column.replace("lean", passive)
+    (tmp_path / "t.csv").write_text(f"time,q_travel,q_slew,{header},q_left,q_right\n0,0,0,0.1,0.9,0.9\n")
+    text = f"column '{header}': joint '{passive}' has no drive, and its position follows from those that have one: "
+    with pytest.raises(TableError) as met:
+        read_trajectory(tmp_path / "t.csv", arm)
+    given = "leave it out and give q_lift, q_left, q_right (the length of the cylinder between its pins [m])"
+    assert str(met.value).endswith(text + given)
