@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from armflex.conventions import NUMBER, Array
-from armflex.errors import Place, TableError, shown
+from armflex.errors import Place, TableError, listing, shown
 from armflex.intake.sources import NO_READING, Cells, SourceTable, numbers
 
 if TYPE_CHECKING:
@@ -112,13 +112,19 @@ def _unread(source: SourceTable, meaning: Meaning, cells: Sequence[str], counted
     if not (kind or words):
         return np.zeros(len(cells), dtype=bool)
     few = 1 < len(said) <= MOST_STATES
+    usual = Counter(cells).most_common(1)[0][0]
+    if few and asked and kind and said[usual] is not False and not any(map(NUMBER.fullmatch, filter(None, said))):
+        said = {cell: cell == usual if read is None else read for cell, read in said.items()}  # what was asked to be so
     unknown = [i for i, cell in enumerate(cells) if cell and said[cell] is None]
     if counted and few and unknown:
-        usual = Counter(cells).most_common(1)[0][0]
         row = next(i for i, cell in enumerate(cells) if cell != usual)
         name, place = meaning.column, Place(source.path, source.lines[row])
         text = f"{name!r} is {shown(cells[row], 20)} here and {shown(usual, 20)} in most rows: is that a reading?"
-        text += f" --take '{name}=valid' if 0 is none, '{name}=error' if only 0 is one, '{name}=unused' if all are"
+        if any(map(NUMBER.fullmatch, filter(None, said))):
+            text += f" --take '{name}=valid' if 0 is none, '{name}=error' if only 0 is one, '{name}=unused' if all are"
+        else:
+            others = listing(repr(cell) for cell in dict.fromkeys(cells) if cell != usual and said[cell] is None)
+            text += f" --take '{name}=valid' if {others} is none, '{name}=unused' if all are readings"
         raise TableError(place, f"{text}; else empty x y z of what is none")
     return np.array([said[cell] is False and (few or kind != "gone" or not NUMBER.fullmatch(cell)) for cell in cells])
 

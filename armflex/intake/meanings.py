@@ -56,7 +56,7 @@ JOINTS: tuple[tuple[str, str], ...] = (
     (rf"(?:{OF_ANOTHER}\w+\.)*(?P<short>rax_[1-6])", "deg"),
     (r"(?:q|posj|jpos|joints?)\[(?P<listed>\d+)\]", ""),
     (
-        rf"(?:{OF_ANOTHER}\w+\.)?(?P<short>(?:jt?|a|q|axis|joint|achse|gelenk|theta|th|θ)[ _.]?\d{{1,2}})"
+        rf"(?:{OF_ANOTHER}\w+\.)?(?P<short>(?:jt?|a|q|ax|axis|joint|achse|gelenk|theta|th|θ)[ _.]?\d{{1,2}})"
         rf"(?:[ _.]{PLACED_WORD})?",
         "",
     ),
@@ -85,7 +85,7 @@ NAMES = (
     r"|point|(?:mess)?punkt(?:name)?|pose|pt|feature|merkmal|element)"
 )
 TIMES = (
-    r"(?:_*time(?:[ _]?stamp)?|(?:_*time[ _]?)?stamp|elapsed(?:[ _]?time)?|zeit(?:stempel)?|uhrzeit"
+    r"(?:_*time(?:[ _]?stamp)?|(?:_*time[ _]?)?stamp|elapsed(?:[ _]?time)?|zeit(?:stempel)?|uhrzeit|clock"
     r"|date(?: ?time)?|datum|heure|t)"
 )
 OUTER = "an external axis"

@@ -59,7 +59,14 @@ def test_a_column_that_says_lost_is_believed(tmp_path: Path, header: str, gone: 
 
 @pytest.mark.parametrize(
     ("header", "gone", "there", "meant"),
-    [("Status", "4", "0", "error"), ("state", "0", "2", "valid"), ("Flag", "X", "", ""), ("Solution", "B", "A", "")],
+    [
+        ("Status", "4", "0", "error"),
+        ("state", "0", "2", "valid"),
+        ("Flag", "X", "", ""),
+        ("Solution", "B", "A", ""),
+        ("Status", "BeamLost", "OK", "valid"),
+        ("Status", "Wobbly", "Steady", "valid"),
+    ],
 )
 def test_states_that_nobody_explains_are_asked_about(
     tmp_path: Path, header: str, gone: str, there: str, meant: str
