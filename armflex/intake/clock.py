@@ -20,8 +20,8 @@ CLOCK = re.compile(
     r"\s*([ap]m)?\D*",
     re.IGNORECASE,
 )
-"""A clock's time, after a day or without one; two digits after a third colon are frames, of which nobody knows how many
-are a second."""
+"""A clock's time, after a day or without one; two digits after a third colon are frames, and not said is how many are a
+second."""
 
 STOPWATCH = re.compile(r"(\d+):(\d{1,2}[.,]\d+)")
 """Minutes and seconds."""
