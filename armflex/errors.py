@@ -5,8 +5,6 @@ and, for a name, the nearest valid one. All derive from `ArmflexError`; those th
 from `InputError`, which the command line turns into exit code 2.
 """
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager

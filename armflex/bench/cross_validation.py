@@ -5,8 +5,6 @@ part of what is held out: `assess` chooses anew inside every fold, so that the e
 choose", not that of the winner on the rows that made it win.
 """
 
-from __future__ import annotations
-
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence

@@ -10,8 +10,6 @@ candidate with the most evidence joins if it beats what random signs of the resi
 (Winkler et al. 2014), and everything is fitted again. What no longer earns its place goes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 Prior precisions and noise come from the data alone then: MacKay's evidence (1992), by Gauss-Newton matrices.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import partial
 

@@ -1,7 +1,5 @@
 """What every learner of a joint takes, loads and deflections, and what it gives: a law, which answers on a bench."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """armflex calibrate: fit what [prior] frees to a campaign."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 

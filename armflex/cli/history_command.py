@@ -1,7 +1,5 @@
 """armflex history: one machine over several calibrations."""
 
-from __future__ import annotations
-
 import os
 from datetime import date
 from pathlib import Path

@@ -1,7 +1,5 @@
 """armflex modes: how a loaded arm swings at one configuration, its drives holding."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

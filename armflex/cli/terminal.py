@@ -1,7 +1,5 @@
 """The one way to the terminal: every text arrives as it is, none as markup, and none moves the cursor."""
 
-from __future__ import annotations
-
 import logging
 import os
 import sys

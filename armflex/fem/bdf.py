@@ -4,8 +4,6 @@ meshio reads the elements, not the sets, properties and materials; so the cards 
 fields. What is neither read nor known not to change a model of solids is refused by name.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from pathlib import Path

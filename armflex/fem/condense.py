@@ -1,7 +1,5 @@
 """Static condensation of a mesh onto its interfaces (Guyan 1965): stiffness, mass, weight, natural frequencies."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Finished matrices instead of elements: CalculiX's .sti and .mas, Abaqus' and Matrix Market's .mtx, Craig-Bampton."""
 
-from __future__ import annotations
-
 import csv
 import re
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """A mesh as its file has it, in SI: nodes, solids, named sets, materials; and what is wrong with it, by line."""
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -3,8 +3,6 @@
 Text is read here: meshio drops numbers and lines, and what a section has beyond its count.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import replace

@@ -5,8 +5,6 @@
 second on have their number before the parameter, in the order of the file: 'effect gear_harmonic A2 rz #2 k'.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime

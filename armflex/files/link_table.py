@@ -6,8 +6,6 @@ of a mass m_e, whose place follows from its moments (half the mass, a sixth of t
 The condensed mass differs from that of the two bodies; `modes` adds the difference.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

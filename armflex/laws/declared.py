@@ -1,7 +1,5 @@
 """Flexures and their laws as an arm.toml declares them: by numbers, a trained file, or sub-joints and beams."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property

@@ -12,8 +12,6 @@ covariance (`armflex.linear_gaussian`). With S = 1 + X N^-1 X' one row
 Rows are chosen one after the other, then exchanged until none is better (Fedorov 1972).
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Protocol

@@ -5,8 +5,6 @@ axis or a partner may be left out where there is only one. The second effect of 
 first ends in #2: gear_harmonic:A2:rz#2.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """What a plan is: rows in the order to drive them, what they should determine, and what no tip reading does."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property

@@ -7,8 +7,6 @@ light, of Rueger 2002 beyond 100 um; scale height of Stone 1996; water vapour of
 iauRefco.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

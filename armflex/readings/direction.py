@@ -5,8 +5,6 @@ Azimuth and elevation are about the base's z, from its x, or about the axes of a
 base. They are read, and err, on the sky: an azimuth counts by the cosine of the elevation, and is none at the zenith.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """The distance of a point on the arm from an anchor: a draw wire, a ball bar, an interferometer's beam."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

@@ -4,8 +4,6 @@ All become links and joints as a URDF has them, and are judged as those are. Whe
 child's origin, as it is in a URDF, a link without mass stands between.
 """
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

@@ -9,8 +9,6 @@ sum that must be possible: files of good robots fix sensors and frames to their 
 with none worth the name.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property

@@ -4,8 +4,6 @@ There are caps on size and depth, no DTD and no entities. `float()` takes '1_000
 takes '0x64' and stops at the comma of '1,5'; no two URDF readers agree on such files, so they are refused.
 """
 
-from __future__ import annotations
-
 import codecs
 import difflib
 import re

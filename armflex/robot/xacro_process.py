@@ -5,8 +5,6 @@ what a robot needs: numbers, texts, and files below the file's folder or a packa
 into the interpreter are refused, and beneath that all calls of the system. An attack on Python itself may get through.
 """
 
-from __future__ import annotations
-
 import ast
 import os
 import re

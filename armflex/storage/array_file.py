@@ -5,8 +5,6 @@ is strict JSON under one key of that header. Nothing is unpickled, and nothing i
 was found to be what the layout declares and the SHA-256 of the bytes to be what it says.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

@@ -1,7 +1,5 @@
 """Files that are there whole or not at all, also when the writer is interrupted; several of them all, or none."""
 
-from __future__ import annotations
-
 import os
 import secrets
 import shutil

@@ -1,7 +1,5 @@
 """What a tracker tracks: an arm's fitted parameters as blocks, where they start, and what a reading says of them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

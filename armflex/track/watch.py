@@ -6,8 +6,6 @@ the density of the readings since an earlier estimate (Willsky and Jones 1976, w
 hypothesis, also that nothing changed, a reading that all others contradict counts as lost.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any

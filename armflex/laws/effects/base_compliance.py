@@ -3,8 +3,6 @@
 About several axes C_b is a symmetric matrix: what stands askew leans sideways, too.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from armflex.laws.effects.context import AXES_TURN, Records

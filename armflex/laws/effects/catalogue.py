@@ -1,7 +1,5 @@
 """Every effect that an arm may have, by name: a new one is its file, and its line here or an entry point."""
 
-from __future__ import annotations
-
 from importlib import import_module
 
 from armflex.laws.effects.drive_curve import DRIVE_CURVE

@@ -1,7 +1,5 @@
 """Transmission error of a gear: A sin kq + B cos kq, k of 2 or more to be found."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from functools import lru_cache
 

@@ -4,8 +4,6 @@ Of a loop's pin and of a joint without a drive F is the force across the axis, o
 force `seated` the pin is between its sides.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

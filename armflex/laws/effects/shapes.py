@@ -1,7 +1,5 @@
 """What the laws of the catalogue have in common: shapes along an axis, lagged columns, and where a law makes sense."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np

@@ -4,8 +4,6 @@ An even bend turns its end about its middle. One at its root is one at the end o
 between them turns about the same axis.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from armflex.conventions import Array

@@ -4,8 +4,6 @@ They are no physics: they say where, along which axis and with which column some
 recorded range; outside it they stay at their end values.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from functools import lru_cache, partial
 from itertools import permutations

@@ -9,8 +9,6 @@ A file holds layers and weights and no code. torch is needed to train such a net
 `perceptron_of`, which is given a module.
 """
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What the page of a checked path shows: every via-point with its margin, a picture, and what it all rests on."""
 
-from __future__ import annotations
-
 import platform
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """What the page of a machine's history shows: a table of what changed, and every parameter over the dates."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from types import SimpleNamespace
 

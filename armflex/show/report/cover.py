@@ -3,8 +3,6 @@
 The cover is one printed sheet: what was found, how large the error is, from which campaign by which instrument.
 """
 
-from __future__ import annotations
-
 import platform
 from collections.abc import Mapping, Sequence
 from types import SimpleNamespace

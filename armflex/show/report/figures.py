@@ -1,7 +1,5 @@
 """Figures of the whole: residuals in the workspace, errors by session and pose, places, parameters, what would show."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import product
 

@@ -1,7 +1,5 @@
 """The result in sentences: which effects were identified, how large the error is now, what stayed undetermined."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

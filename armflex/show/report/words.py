@@ -1,7 +1,5 @@
 """Effects and places in plain words, and numbers as people read them: with their uncertainty, in a handy unit."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -5,8 +5,6 @@ have sent: objects as three.js loads them, https://github.com/mrdoob/three.js/wi
 viewer lies in the folder `meshcat` as version 0.3.2 of that package has it, with its licences.
 """
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Iterator
 from importlib import resources

@@ -6,8 +6,6 @@ draws a ghost. Nothing here knows how the picture is drawn. Mesh files named by 
 only from beside it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
