@@ -11,8 +11,6 @@ rows. It fits elasticity with joint offsets only: with six geometric errors per 
 names of the base frame replace those of the first six parameters, which are the elasticities of a six-axis arm.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 import time

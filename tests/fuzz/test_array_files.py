@@ -1,7 +1,5 @@
 """Spoilt files of arrays, with and without a digest that agrees: refused by name, or what they say is possible."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import fields

@@ -4,8 +4,6 @@ In CalculiX the bars of each pose are joined by rigid bodies at their end faces,
 displacements that it gave are stored here.
 """
 
-from __future__ import annotations
-
 import time
 import warnings
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """MuJoCo as referee of a machine with everything; what its loops hold is written here in world axes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

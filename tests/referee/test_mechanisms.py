@@ -3,8 +3,6 @@
 `tests/studies/mechanisms.py` counts over many of them.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -14,8 +14,6 @@ truth alone, the other one alone or nothing, and how often the level or wire tha
 `accelerometers`: those of the Hilti machine beside its positions, and what is found with them and without.
 """
 
-from __future__ import annotations
-
 import os
 
 os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")

@@ -1,7 +1,5 @@
 """Machines with loops, springs and cylinders: as files of this package, as MuJoCo's models and as Exudyn's."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path

@@ -4,8 +4,6 @@ Where a machine rests is the root of MuJoCo's own equation, with what its pins d
 the forces in loops, and a pin gaps by what it gives and by its play.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property

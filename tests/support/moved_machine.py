@@ -1,7 +1,5 @@
 """Campaigns of one machine of three joints on several sites: base, level instrument and target anew in each."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A bundled arm as MuJoCo knows it: shares no code with the package that it judges."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A palletizing arm whose lower arm hangs on a spring: its URDF and what its springs are."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A short campaign of one arm, looked at, and effects of every law at work in it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 

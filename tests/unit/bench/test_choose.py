@@ -1,7 +1,5 @@
 """`train --model auto`: the plainest model that the data ask for, judged with the choice inside the loop."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 from pathlib import Path

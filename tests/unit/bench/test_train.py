@@ -1,7 +1,5 @@
 """`train`: the published table's numbers, known compliances recovered, uncertainty that covers what it claims."""
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import replace
 from pathlib import Path

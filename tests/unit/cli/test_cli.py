@@ -1,7 +1,5 @@
 """The command line, as a shell runs it or in this process: exit codes, JSON files, messages, nothing left behind."""
 
-from __future__ import annotations
-
 import csv
 import io
 import logging

@@ -1,7 +1,5 @@
 """Machines with loops are calibrated from readings of their tips as chains are."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A machine over its calibrations: a jump, a drift, and nothing, each said as what it is."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`export --to yaml`: as ur_description and robot_calibration read them, the tip is the calibrated arm's."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree

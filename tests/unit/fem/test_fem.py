@@ -1,7 +1,5 @@
 """`armflex fem`: beams are Timoshenko's, every reader gives the same part, and broken meshes are named by line."""
 
-from __future__ import annotations
-
 import contextlib
 import shutil
 from collections.abc import Callable

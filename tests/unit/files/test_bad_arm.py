@@ -1,7 +1,5 @@
 """Rows 29 to 32 of the table of bad inputs: what an arm.toml may not say, and what it says in vain."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

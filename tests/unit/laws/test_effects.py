@@ -1,7 +1,5 @@
 """Every law of the catalogue, and every shape without a name, at work in an arm and as columns of a fit."""
 
-from __future__ import annotations
-
 import multiprocessing
 import pickle
 from concurrent.futures import ProcessPoolExecutor

@@ -1,8 +1,6 @@
 """Laws as terms: they are the law, their tangents are its derivatives, and a law that says nothing else is answered
 alike and at full speed by the engine, Pinocchio and exported C."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A new effect is one file and one line: an axis that wobbles, as its file would have it, entered in the catalogue."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Polynomial laws: closed forms, derivatives, files, and loads that do not determine them."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 from itertools import pairwise

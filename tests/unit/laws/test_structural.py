@@ -1,7 +1,5 @@
 """Composed joints against the paper's condensation, beam theory, and somebody else's root finder."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A telescope that bends: the beam by hand, where it is offered, its file, in C, and traced in a boom."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What wanders in time: terms of a random walk, as on the campaign's clock, and what is left of it afterwards."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Loads from outside along a path: columns, options and tables of them, in every command that takes rows."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Campaigns of wires, levels, accelerometers and further targets, from the files to what is predicted; bad input."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The compiled engine's linear response against Pinocchio's, on arms of every shape; its derivation shares nothing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

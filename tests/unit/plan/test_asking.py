@@ -1,7 +1,5 @@
 """Rows that decide between causes: the bound against brute force, what rows cannot tell, rows in an order."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 

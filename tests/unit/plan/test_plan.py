@@ -1,7 +1,5 @@
 """What to measure next: the mathematics against brute force, the rows against their limits, the promise kept."""
 
-from __future__ import annotations
-
 import json
 import re
 import warnings

@@ -3,8 +3,6 @@
 Each refusal must be a `UrdfError` that names file and line and the nearest valid name; the ids carry the row.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -1,7 +1,5 @@
 """What URDF files of others hold besides: extras, side branches, mimics, names; and damage anywhere."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -1,7 +1,5 @@
 """Robots in xacro and MJCF: tips and loads as MuJoCo has them, and errors as good as those of a URDF."""
 
-from __future__ import annotations
-
 import re
 import sys
 from importlib.util import find_spec

@@ -1,7 +1,5 @@
 """The page is self-contained, escapes what it is given, and a real browser draws and plays it."""
 
-from __future__ import annotations
-
 import base64
 import os
 import re

@@ -1,7 +1,5 @@
 """Effects of time hold for the clock of their campaign; everything else means the arm as it was left at its end."""
 
-from __future__ import annotations
-
 import csv
 import json
 import subprocess
