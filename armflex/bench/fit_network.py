@@ -135,11 +135,7 @@ class Mode:
 
 
 def find_modes(
-    problem: NetworkProblem,
-    starts: int = 10,
-    seed: int = 0,
-    iterations: int = ITERATIONS,
-    damping: Damping = RELATIVE,
+    problem: NetworkProblem, starts: int = 10, seed: int = 0, iterations: int = ITERATIONS, damping: Damping = RELATIVE
 ) -> tuple[Mode, ...]:
     """Return the posterior's maxima reached from random starts, that of the highest evidence first."""
     begun = start_weights(problem, starts, seed)

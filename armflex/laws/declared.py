@@ -217,12 +217,7 @@ def _known(table: Declaration, key: str, name: str, nodes: Mapping[str, Array]) 
     return name
 
 
-DECLARED = (
-    "linear",
-    "position_dependent",
-    "telescope",
-    "hardening",
-)
+DECLARED = ("linear", "position_dependent", "telescope", "hardening")
 """Laws by numbers: a file of `joint/` each, with a function `read_NAME` and an `EXAMPLE` of what it reads; a new law is
 one more file and a line here."""
 

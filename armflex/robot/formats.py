@@ -22,13 +22,7 @@ from armflex.conventions import LARGEST
 from armflex.errors import Flag, Place, UrdfError, listing
 from armflex.robot import xacro_process
 from armflex.robot.tree import FileTree, rotation_of
-from armflex.robot.urdf import (
-    MOVING,
-    Inertial,
-    Urdf,
-    parse_xml,
-    read_urdf,
-)
+from armflex.robot.urdf import MOVING, Inertial, Urdf, parse_xml, read_urdf
 from armflex.storage.read_file import MOST_BYTES, check_file
 
 XACRO = re.compile(r"https?://(www\.)?ros\.org/wiki/xacro/?")

@@ -671,10 +671,7 @@ def check_motion(urdf: Urdf, scope: Scope, chain: Sequence[Joint], held: Mapping
             _, inertia = _body(urdf, joint.child, ends, held)
             if problem := _impossible(inertia, 1e-6):
                 whole = f"link {joint.child!r} and what it carries up to the next joint of the chain"
-                raise UrdfError(
-                    urdf.links[joint.child].place,
-                    f"{whole}: {problem}; motion needs possible ones",
-                )
+                raise UrdfError(urdf.links[joint.child].place, f"{whole}: {problem}; motion needs possible ones")
 
 
 def _body(

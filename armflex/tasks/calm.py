@@ -99,10 +99,7 @@ class Calmed(Result):
 
 @checked_kinds
 def calm(
-    arm: Arm,
-    trajectory: Trajectory | Tabular,
-    slower: float = SLOWER,
-    covariates: Mapping[str, float] | None = None,
+    arm: Arm, trajectory: Trajectory | Tabular, slower: float = SLOWER, covariates: Mapping[str, float] | None = None
 ) -> Calmed:
     """Return the same path, timed so that the tip swings little where it stops.
 

@@ -29,14 +29,7 @@ from armflex.progress import Progress
 from armflex.result import Result
 from armflex.rows.wrench import wrenches_in
 from armflex.tasks.check import turned_further
-from armflex.tasks.inverse_kinematics import (
-    NEAR_SINGULAR,
-    NO_EQUILIBRIUM,
-    TOLERANCE,
-    Corrector,
-    Search,
-    Trial,
-)
+from armflex.tasks.inverse_kinematics import NEAR_SINGULAR, NO_EQUILIBRIUM, TOLERANCE, Corrector, Search, Trial
 from armflex.trajectory import TARGET, Trajectory, as_trajectory
 
 TOGETHER = 1024

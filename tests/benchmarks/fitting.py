@@ -39,10 +39,7 @@ TRAINED, POSES = 90, 120
 DRIVES = {"J1": (5, 4e-7), "J2": (4, 3e-7), "J3": (4, 4.5e-7), "J4": (3, 1.8e-6), "J5": (4, 2e-6), "J6": (3, 3e-6)}
 """Axis and compliance [rad/Nm] of every drive, as declared."""
 HELD = ("p120", 120.0, (0.15, 0.0, 0.04))
-MODELS = {
-    "offsets, elasticity": Model("joint_offset", True),
-    "geometry": Model("full_params", False),
-}
+MODELS = {"offsets, elasticity": Model("joint_offset", True), "geometry": Model("full_params", False)}
 Line = tuple[str, float, float]
 """What fitted, the held-out RMS [m], the time [s]."""
 

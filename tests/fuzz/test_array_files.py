@@ -187,10 +187,7 @@ def test_an_indefinite_covariance_is_refused() -> None:
 
 
 def readers() -> dict[str, tuple[bytes, Callable[[Path], object]]]:
-    return {
-        **{name: (data, load_law) for name, data in LAWS.items()},
-        "map": (map_file(), read_map),
-    }
+    return {**{name: (data, load_law) for name, data in LAWS.items()}, "map": (map_file(), read_map)}
 
 
 @pytest.mark.parametrize("name", ["linear", "map"])

@@ -158,10 +158,7 @@ LINE_COMPLIANCE = Shape(
         "unnamed trend of a compliance", "a compliance grows steadily with a column", "(slope · x + curvature · x²) · w"
     ),
     places=_with_all(2),
-    amplitudes=(
-        Amplitude("slope", "{m}/{w} per recorded"),
-        Amplitude("curvature", "{m}/{w} per recorded^2"),
-    ),
+    amplitudes=(Amplitude("slope", "{m}/{w} per recorded"), Amplitude("curvature", "{m}/{w} per recorded^2")),
     terms=lambda here, inner: compliances(
         here.direction, *(powers(_column(here), exponent, inner[0]) for exponent in (1, 2))
     ),

@@ -625,11 +625,7 @@ def _markers(arm: Arm, trajectory: Trajectory | None, report: CheckReport | None
 
 
 def _legend(
-    shown: Deflection,
-    colors: dict[str, str],
-    trajectory: Trajectory | None,
-    report: CheckReport | None,
-    factor: float,
+    shown: Deflection, colors: dict[str, str], trajectory: Trajectory | None, report: CheckReport | None, factor: float
 ) -> Iterator[LegendRow]:
     for name, share in zip(shown.names.flexures, shown.shares(), strict=True):
         yield LegendRow(colors[name], name, f"{number(share * 1e3, 3, TINY)} mm")

@@ -10,12 +10,7 @@ from support.two_links import ARM, GOOD, Q, codes, declared
 
 from armflex import Arm, Payload, load_arm
 from armflex.declaration import Source
-from armflex.errors import (
-    ArmFileError,
-    ArmflexWarning,
-    TableError,
-    UrdfError,
-)
+from armflex.errors import ArmFileError, ArmflexWarning, TableError, UrdfError
 from armflex.measured.joint_data import read_joint_data
 
 

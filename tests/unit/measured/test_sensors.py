@@ -6,18 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.instruments import (
-    ACCELERATION,
-    CAMERA,
-    ENCODER,
-    LEVEL,
-    TARGET,
-    WIRE,
-    Machine,
-    heavy,
-    in_base,
-    measured,
-)
+from support.instruments import ACCELERATION, CAMERA, ENCODER, LEVEL, TARGET, WIRE, Machine, heavy, in_base, measured
 
 from armflex import Reading, Tracker, calibrate, load_arm, plan, predict, read_measurements
 from armflex.conventions import TWIST_NAMES

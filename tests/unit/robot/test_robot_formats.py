@@ -294,17 +294,9 @@ BELOW = {
     "a package that it names": ("${k}", '<xacro:include filename="$(find armtest)/k.xacro"/>'),
 }
 REFUSED = {
-    "a file elsewhere": (
-        "${k}",
-        '<xacro:include filename="../k.xacro"/>',
-        r"opens .*\.\./k\.xacro, which is not",
-    ),
+    "a file elsewhere": ("${k}", '<xacro:include filename="../k.xacro"/>', r"opens .*\.\./k\.xacro, which is not"),
     "an optional one": ("1", '<xacro:include filename="/etc/passwd" optional="true"/>', "opens /etc/passwd, which is"),
-    "a link to elsewhere": (
-        "${k}",
-        '<xacro:include filename="link.xacro"/>',
-        r"opens .*link\.xacro, which is not",
-    ),
+    "a link to elsewhere": ("${k}", '<xacro:include filename="link.xacro"/>', r"opens .*link\.xacro, which is not"),
     "numbers elsewhere": ("${xacro.load_yaml('../k.yaml')['k']}", "", r"opens .*\.\./k\.yaml, which is not below"),
     "the environment": ("${len('$(env HOME)')}", "", "reads the environment variable 'HOME'"),
     "it, where it is there": ("$(optenv HOME 1)", "", "reads the environment variable 'HOME'"),

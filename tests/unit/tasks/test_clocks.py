@@ -203,10 +203,7 @@ def test_a_free_shape_over_time_is_its_mean_on_another_day(folder: Path, tmp_pat
 def test_other_files_of_the_clock_are_refused_by_name(folder: Path) -> None:
     arm, rows = load_arm(folder / "slip.toml"), write_rows(folder / "rows.csv", ASKED, EARLY)
     for path, text in (
-        (
-            rows,
-            r"rows.csv \(0 s to 400 s\) is none of .* that this arm was fitted to: slip.csv \(0 s to 1950 s\)",
-        ),
+        (rows, r"rows.csv \(0 s to 400 s\) is none of .* that this arm was fitted to: slip.csv \(0 s to 1950 s\)"),
         (write_rows(folder / "bare.csv", ASKED, None), r"bare.csv has no column 'time'"),
     ):
         with pytest.raises(InputError, match=text):
