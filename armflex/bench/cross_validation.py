@@ -17,12 +17,6 @@ from armflex.conventions import Array
 from armflex.errors import ConvergenceError, InputError
 from armflex.measured.joint_data import JointData
 
-BAND = 1.96
-"""Standard deviations each side of a 95 % band."""
-
-NEGLIGIBLE = 1e-6
-"""Part of what a deflection moves that no bench distinguishes from zero."""
-
 FOLDS, REPEATS = 10, 2
 OUTER = 10
 INNER = 5
@@ -54,7 +48,7 @@ class HeldOutFolds:
         """Share of held-out numbers inside their 95 % band, None where a law carries no uncertainty."""
         if not np.isfinite(self.std).all():
             return None
-        return float((np.abs(self.residual) <= BAND * self.std).mean())
+        return float((np.abs(self.residual) <= 1.96 * self.std).mean())  # each side of a 95 % band
 
 
 def random_folds(count: int, folds: int, seed: int) -> np.ndarray:
@@ -178,7 +172,8 @@ def race(candidates: Sequence[ModelCandidate], data: JointData, seed: int, folds
 def negligible(deflections: Array) -> Array:
     """Return the (k,) RMS errors below which models of (N, k) deflections are equally good."""
     moved = np.sqrt((deflections**2).mean(axis=0))
-    return NEGLIGIBLE * np.where(moved > 0.0, moved, moved.max())
+    # Part of what a deflection moves that no bench distinguishes from zero.
+    return 1e-6 * np.where(moved > 0.0, moved, moved.max())
 
 
 def chosen(compared: Sequence[ModelScore], least: Array | float = 0.0) -> int:

@@ -24,9 +24,6 @@ from armflex.readings import Position
 from armflex.sampling.diagnostics import FEWEST_DRAWS
 from armflex.storage.whole_file import together
 
-SCATTERED = 1.5
-"""Scatter over the stated noise from which an effect is reported missing."""
-
 
 @click.command(cls=options.Command)
 @click.option("-o", "--output", required=True, type=options.OutputPath(), help="Calibrated arm.toml to write.")
@@ -133,7 +130,7 @@ def _remarks(calibration: Calibration) -> Iterator[str]:
     scatters = calibration.fit.scatters
     names = dict.fromkeys(kind.name or "the tracker" for kind in calibration.fit.view.readings.kinds)
     for name, scatter in zip(names, scatters, strict=True):
-        if scatter > SCATTERED:
+        if scatter > 1.5:  # scatter over the stated noise from which an effect is reported missing
             whose = f"The readings of {name}" if len(scatters) > 1 else "The readings"
             text = f"{whose} scatter {scatter:.2g} times as much as stated, and were weighted by that: an effect is "
             yield f"{text}missing, which the fitted parameters may absorb in part. `armflex trace` searches for it."

@@ -23,9 +23,6 @@ from armflex.robot.urdf import Inertial, Joint, Link
 MOST = 0.999
 """Share of a link's mass that its end has at most."""
 
-HEAVIER = 0.02
-"""Share by which the masses of a link in the robot's file and in its mesh may differ without a flag."""
-
 
 def read_link(name: str, table: Declaration, robot: Robot) -> tuple[Robot, Flexure, tuple[Flag, ...]]:
     """Return the robot with a link that ends in one more link, and the flexure between them.
@@ -61,7 +58,8 @@ def read_link(name: str, table: Declaration, robot: Robot) -> tuple[Robot, Flexu
         text = f"link {name!r} does not bend under its own weight: its part or its link has no mass"
         flags.append(Flag("weightless", text))
         return _ended(robot, joint, inertial, None), Flexure(name, f"{name}:end", law), tuple(flags)
-    if abs(inertial.mass - part.mass) > HEAVIER * part.mass:
+    # Share by which the masses of a link in the robot's file and in its mesh may differ without a flag.
+    if abs(inertial.mass - part.mass) > 0.02 * part.mass:
         text = f"link {name!r} weighs {inertial.mass:g} kg in {robot.urdf.path.name} and {part.mass:g} kg in its mesh"
         flags.append(Flag("link_mass", f"{text}: the former counts, distributed as the latter"))
     moments = part.weight[3:] / mass  # of a body at r the matrix of r x, whose skew part r is read from

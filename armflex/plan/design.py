@@ -22,9 +22,6 @@ from armflex.conventions import Array
 from armflex.laws.effects.effect import Effect, EffectLaw, Watching
 from armflex.linear_gaussian import LinearGaussian
 
-WORTH = 1e-6
-"""Share of what is reached by which an exchange must raise it: less is rounding."""
-
 
 class Goal(Protocol):
     """What a plan is to make as large as it can."""
@@ -211,7 +208,8 @@ def exchanged(goal: Goal, gram: LinearGaussian, rows: Array, chosen: Sequence[in
         for place, row in enumerate(before):
             gains = _gains_beside(goal, gram, rows, chosen[:place] + chosen[place + 1 :])
             best = int(gains.argmax())
-            if gains[best] > gains[row] + WORTH * abs(gains[row]):
+            # Share of what is reached by which an exchange must raise it: less is rounding.
+            if gains[best] > gains[row] + 1e-6 * abs(gains[row]):
                 chosen[place] = best
         if chosen == before:
             break

@@ -28,9 +28,6 @@ from armflex.plan.offer import Offer
 SHOWS = 5.0
 """RMS of what an effect of unknown size is taken to move the readings by, in their standard deviations."""
 
-CLEAR = 2.0
-"""Standard deviations from zero at which an estimate counts as an effect's size."""
-
 
 def spelled(effect: Effect, number: int = 1) -> str:
     """Return how an effect is written on the command line; `number` is that of `numbers_of`."""
@@ -161,7 +158,8 @@ def hypothesis_of(candidate: CandidateBlock, fitted: Fit | None, offer: Offer) -
         return EffectInQuestion(candidate, np.append(effect.acting, inner), "of the arm")
     if fitted is not None:
         values, std = fitted.values[-terms:], np.sqrt(np.diag(fitted.posterior.covariance))[-terms:]
-        if np.linalg.norm(values / std) > CLEAR * np.sqrt(terms):
+        # Standard deviations from zero at which an estimate counts as an effect's size.
+        if np.linalg.norm(values / std) > 2.0 * np.sqrt(terms):
             return EffectInQuestion(candidate, np.append(values, inner), "estimated from what was measured")
     jacobian = answers([candidate], offer.view)[:, :, :terms]
     moved = np.sqrt((jacobian**2).mean(axis=(0, 1)))

@@ -51,14 +51,8 @@ ROUNDS, WIDTH, NARROWER, NEAR = 5, 0.3, 0.6, 20
 """How often rows near the chosen ones are tried, how near [share of the range] at first, how much nearer each time, and
 how many for each."""
 
-PATH_ROWS = 400
-"""Rows of a trajectory that are looked at, evenly, where it has more."""
-
 DRAWS, FURTHER = 8, 3
 """Random choices that a plan is compared with, and how many times as many rows they have."""
-
-SCATTER = 1.5
-"""Noise over the stated one beyond which a plan that relies on it is doubtful."""
 
 
 @checked_kinds
@@ -217,7 +211,7 @@ def _rivals(between: Sequence[str], arm: Arm, settable: tuple[str, ...]) -> list
 def _scattered(before: Before) -> Iterator[Flag]:
     """Yield a flag on each instrument whose readings scatter more than a plan that relies on them may have it."""
     for name, noise in before.noises.items():
-        if noise > SCATTER:
+        if noise > 1.5:  # noise over the stated one beyond which a plan that relies on it is doubtful
             whose = f"readings of {name}" if name else "readings"
             text = f"{whose} scatter {noise:.2g} times as much as stated: something is missing, trace it first"
             yield Flag("unexplained_residual", text)
@@ -361,7 +355,8 @@ def _goal(
     if along is None:
         return DsOptimal(np.flatnonzero(model.moving))
     # The (P, P) mean over the trajectory of what parameters do to its readings, squared [m^2].
-    thinned = np.unique(np.linspace(0, len(along) - 1, min(len(along), PATH_ROWS)).astype(int))
+    # Rows of a trajectory that are looked at, evenly, where it has more.
+    thinned = np.unique(np.linspace(0, len(along) - 1, min(len(along), 400)).astype(int))
     ordered = along.for_arm(before.setup.arm)
     columns = {name: values[thinned] for name, values in ordered.known.items()}
     rows = rows_at(before.setup.arm, ordered.q[thinned], tuple(along.payload[i] for i in thinned), columns)

@@ -22,9 +22,6 @@ if TYPE_CHECKING:
 STRAIGHT = 1e-6
 """Share of a twist across its main direction below which it has one direction."""
 
-FUNCTION = 0.03
-"""Scatter of an effect about a curve, as a share of its range, below which it is drawn as one."""
-
 
 @dataclass(frozen=True, eq=False)
 class Suspicion:
@@ -58,7 +55,8 @@ class Suspicion:
             rough = np.abs(y[1:-1] - 0.5 * (y[2:] + y[:-2]))
         else:
             rough = np.array([np.ptp(y[x == value]) for value in kinds])
-        return bool(len(rough) and np.quantile(rough, 0.9) <= FUNCTION * np.ptp(y))
+        # Scatter of an effect about a curve, as a share of its range, below which it is drawn as one.
+        return bool(len(rough) and np.quantile(rough, 0.9) <= 0.03 * np.ptp(y))
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,8 +203,6 @@ def _column(context: Context, name: str, rows: np.ndarray) -> tuple[Array, str]:
     return values, f"{name} [{kinds[name]}]" if name in kinds else name
 
 
-BINS = 12
-MOST_RIVALS = 14
 MOST_CURVES = 6
 GOLDEN = 0.6180339887
 FEW = 8
@@ -269,7 +265,7 @@ def _cloud(panel: Axes, seen: Suspicion, values: Array, colour: str) -> None:
 def _means(seen: Suspicion, values: Array) -> tuple[Array, Array, Array]:
     """Return centres, weighted means and their standard uncertainties in bins of x."""
     kinds = np.unique(seen.x)
-    edges = kinds if len(kinds) <= FEW else np.unique(np.quantile(seen.x, np.linspace(0.0, 1.0, BINS + 1)))[:-1]
+    edges = kinds if len(kinds) <= FEW else np.unique(np.quantile(seen.x, np.linspace(0.0, 1.0, 13)))[:-1]
     place = np.clip(np.searchsorted(edges, seen.x, side="right") - 1, 0, len(edges) - 1)
     weight = seen.std**-2.0
     total = np.bincount(place, weight, len(edges))
@@ -291,7 +287,7 @@ def ranking(found_effect: Found, number: int) -> str:
             labelled(candidate.effect(np.zeros(len(candidate.location.terms)))),
         )
         bars.setdefault(label, (0.5 * odds, AFTER if key == key_of_effect else MARK if key in same else RULE))
-    rows = list(bars.items())[:MOST_RIVALS][::-1]
+    rows = list(bars.items())[:14][::-1]
     if not rows:
         return ""
     place = np.arange(len(rows))

@@ -27,7 +27,6 @@ _FRAMES_A_SECOND = 30.0
 _CIRCLE_SIDES = 48
 _Y_TO_Z = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 _LICENCES = ("LICENSE", "main.min.js.LICENSE.txt", "main.min.js.THIRD_PARTY_LICENSES.json")
-_FOR_EVER = 1e9
 
 
 def render_page(scene: Scene) -> str:
@@ -189,7 +188,7 @@ def commands(scene: Scene, camera: Viewpoint) -> Iterator[Json]:
         frames = ((scene.times - scene.times[0]) * _FRAMES_A_SECOND / scene.speed).tolist()
         moving = [node for node in scene.nodes if len(node.poses) > 1]
         clips = [{"path": _path("Nodes", node.name), "clip": _clip(frames, node.poses)} for node in moving]
-        options = {"play": True, "repetitions": _FOR_EVER}
+        options = {"play": True, "repetitions": 1e9}
         yield {"type": "set_animation", "animations": clips, "options": options, "path": ""}
 
 
