@@ -79,13 +79,16 @@ class PoseBlock(Block):
 
 @dataclass(frozen=True, eq=False)
 class Walk(Block):
-    """A random walk of a twist in time, by the terms of its Karhunen-Loeve expansion: fitted, never predicted.
+    """A twist that a campaign had in some of its rows, as a sum of terms: fitted, never predicted.
+
+    That is a random walk in time, by the terms of its Karhunen-Loeve expansion, or what an instrument was behind.
 
     Attributes:
         site, axis: Where.
-        std: (k,) standard deviation of each term's amplitude [m or rad].
-        waves: (N, k) what each term is in every row of the campaign, dimensionless.
+        std: (k,) standard deviation of each term's amplitude, in units of which `waves` make m or rad.
+        waves: (N, k) what each term is in every row of the campaign.
         session: Which it is of, '' of a walk through all.
+        words: What distinguishes it from others there.
     """
 
     site: str
@@ -93,11 +96,12 @@ class Walk(Block):
     std: Array
     waves: Array
     session: str = ""
+    words: str = "in time"
 
     @cached_property
     def parameters(self) -> tuple[ArmParameter, ...]:
         """One per term."""
-        of = " ".join(part for part in (self.site, self.axis, "in time", self.session) if part)
+        of = " ".join(part for part in (self.site, self.axis, self.words, self.session) if part)
         unit = "m" if self.axis.startswith("d") else "rad"
         group = ParameterGroup(ParameterKind.UNEXPLAINED, of)
         return tuple(ArmParameter(group, f"term {i}", unit) for i in range(self.waves.shape[1]))

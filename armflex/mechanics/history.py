@@ -62,7 +62,8 @@ def _wrenches(
     plain = replace(as_dataclass, effects=tuple(effect for effect in arm.effects if effect not in effects))
     motion = [rows.motion(i) for i in range(len(rows.q))]
     if not any(value is not None for one in motion for value in one.values()):
-        line = respond(plain, rows.q, rows.payload, known, allow_large=True, wrenches=rows.wrenches, gravity=gravity)
+        asked: dict[str, Any] = {"allow_large": True, "gravity": gravity, "ask": ("wrenches",)}
+        line = respond(plain, rows.q, rows.payload, known, wrenches=rows.wrenches, **asked)
         return found | {site: line.load_at(site) for site in loaded}
     v, a = (None if motion[0][name] is None else np.array([one[name] for one in motion]) for name in ("v", "a"))
     asked = Asked(enforce_limits=False, allow_large=True)

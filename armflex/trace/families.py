@@ -42,6 +42,7 @@ from armflex.laws.effects.shapes import PAIRS, ROUNDING
 from armflex.laws.effects.unnamed import LINE, LINE_COMPLIANCE, LINE_PLAY
 from armflex.laws.effects.wandering import BASE_WANDERING, DRIVE_WANDERING, WALK_TERMS, walk_at, walk_terms
 from armflex.linear_gaussian import squared
+from armflex.mechanics.loop_rows import rigid_tips
 from armflex.parameters import DOUBT
 from armflex.robot.urdf import Joint
 from armflex.rows.rows import APPROACH, TIME, Rows
@@ -484,6 +485,7 @@ def _parts(fit: Fit, context: Context, poses: int) -> Iterator[Member]:
     for name, x in recorded.items():
         yield from by_column(f"by {name}", BASE, name, x)
     yield from _wandering(fit, context)
+    yield from _lagging(fit, context)
 
 
 def _over_position(joint: Joint, values: Array, lengths: Array, axes: Sequence[str], poses: int) -> Iterator[Member]:
@@ -547,3 +549,17 @@ def _wandering(fit: Fit, context: Context) -> Iterator[Member]:
             yield Member("wandering of the instrument", walk(BASE, axis, rows, session), sizes)
     for joint in context.robot.moving:
         yield Member("wandering of the drives", whole(DRIVE_WANDERING, joint.name, drive_axis(joint)), sizes)
+
+
+def _lagging(fit: Fit, context: Context) -> Iterator[Member]:
+    """Yield what is read a share of the way behind: towards where the tip was in the row before, along every axis.
+
+    An instrument that averages is, and an arm that has not come to rest.
+    """
+    tips = rigid_tips(fit.view.arm.loaded(None), context.row.q)[:, :3, 3]
+    behind = np.zeros_like(tips)
+    for rows in context.pieces:
+        behind[rows[1:]] = tips[rows[:-1]] - tips[rows[1:]]
+    for axis, way in zip(TWIST_NAMES, behind.T, strict=False):
+        walk = Walk(BASE, axis, np.ones(1), way[:, None], words="behind")
+        yield Member("lag of the instrument", walk, np.ones((1, 1)))

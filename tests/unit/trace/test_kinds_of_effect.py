@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support import six_axes
 from support.campaigns import draw
 
-from armflex import calibrate, load_arm, read_measurements
+from armflex import calibrate, load_arm, read_measurements, trace
+from armflex.readings import Readings
 from armflex.trace.families import Families
 from armflex.trace.state import State, begin
 
@@ -50,6 +52,20 @@ def test_where_nothing_is_hidden_no_kind_is_stated(tmp_path, kind: str, arm: str
     families = kinds(calibrated(tmp_path, kind, 7001, arm)[0])
     assert not families.found
     assert families.held_out[1] < 1.02 * families.held_out[0]
+
+
+def test_what_is_read_behind_is_a_lag_and_no_longer_scale_of_the_tracker() -> None:
+    """A thousandth of the way from the row before: on a random path that is a scale, too, and noise."""
+    arm, rows = six_axes.campaign(150)
+    position, read = rows.readings.kinds[0], rows.position
+    behind = np.diff(read, axis=0, prepend=read[:1])
+    lagging = replace(position, values=position.values - 1e-3 * behind)
+    traced = trace(arm, replace(rows, readings=Readings(len(rows), (lagging,))))
+    assert not traced.found
+    assert traced.families is not None
+    assert [family.name for family in traced.families.found] == ["lag of the instrument"]
+    before, after = traced.families.held_out
+    assert before > 2.0 * after == pytest.approx(2.0 * np.sqrt(3.0) * six_axes.SIGMA, rel=0.1)
 
 
 def test_a_campaign_whose_joints_hardly_move_has_kinds_as_well(tmp_path) -> None:
