@@ -214,10 +214,8 @@ class Trajectory(Result):
             # At its end a stretch is at the next row to the last digit.
             return np.where(steps == 1.0, there, values[segments] + steps * (there - values[segments]))
 
-        payload, pulled = (
-            [self.payload[i] for i in segments.tolist()],
-            tuple(wrench.each(part) for wrench in self.wrenches),
-        )
+        payload = [self.payload[i] for i in segments.tolist()]
+        pulled = tuple(wrench.each(part) for wrench in self.wrenches)
         # On the way to a row the joints move as they do when they get there.
         return self.points.each(payload, pulled, part, lambda values: values[segments + 1])
 

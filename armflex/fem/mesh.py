@@ -332,10 +332,8 @@ def with_material(mesh: Mesh, young: float | None, poisson: float | None, densit
     given = {"young": young, "poisson": poisson, "density": density}
     given = {name: value for name, value in given.items() if value is not None}
     for block in mesh.blocks:
-        material, named = (
-            block.material,
-            f"the {len(block.ids)} {block.kind}" + f" of {block.name!r}" * bool(block.name),
-        )
+        material = block.material
+        named = f"the {len(block.ids)} {block.kind}" + f" of {block.name!r}" * bool(block.name)
         if material is None and not {"young", "poisson"} <= given.keys():
             raise mesh.fail(f"{named} have no material: give --young and --poisson", block.lines[0])
         if material is not None and (

@@ -82,11 +82,9 @@ def joined(campaigns: Sequence[Measurements], arm: Arm) -> Measurements:
     def sessions(name: str, campaign: Measurements) -> list[str]:
         return [name if len(set(campaign.session)) == 1 else f"{name}/{session}" for session in campaign.session]
 
-    first, timed, times = (
-        campaigns[0],
-        not any("time" in campaign.derived for campaign in campaigns),
-        [campaigns[0].time],
-    )
+    first = campaigns[0]
+    timed = not any("time" in campaign.derived for campaign in campaigns)
+    times = [campaigns[0].time]
     periods = list(first.clock)
     for campaign in campaigns[1:]:  # none earlier than any of the campaign before
         later = max(float(times[-1].max() - campaign.time.min()), 0.0)

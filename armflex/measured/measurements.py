@@ -353,10 +353,8 @@ def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLO
         earliest += [datetime.fromisoformat(measurements.begins)] if measurements.begins else []
         for name in (name for name in table.columns if name not in recognised):
             seen.setdefault(name, _Covariate(name)).add(table)
-        odd, there = (
-            np.flatnonzero(in_other_units(measurements.q, arm).any(axis=1)),
-            np.flatnonzero(measurements.positioned),
-        )
+        odd = np.flatnonzero(in_other_units(measurements.q, arm).any(axis=1))
+        there = np.flatnonzero(measurements.positioned)
         far.append(measurements.q[odd])
         if measurements.readings.of(Position):
             positions.append(measurements.position[there])

@@ -221,10 +221,8 @@ class Plan(Result):
         notes, words = list(_between(self)), in_dh_words(self.reach.arm.robot)
         for how in dict.fromkeys(direction.instead for direction in self.blind):
             alike = [direction for direction in self.blind if direction.instead == how]
-            names, more = (
-                ", ".join(words.get(direction.name, (direction.name,))[0] for direction in alike[:MOST_NAMES]),
-                len(alike) - MOST_NAMES,
-            )
+            names = ", ".join(words.get(direction.name, (direction.name,))[0] for direction in alike[:MOST_NAMES])
+            more = len(alike) - MOST_NAMES
             names += f", and {more} more" if more > 0 else ""
             most = max(direction.moves for direction in alike) * 1e3
             weight = f"under weight alone each moves the tip by {most:.1g} mm at most; where it matters"

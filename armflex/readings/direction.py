@@ -194,10 +194,8 @@ class Direction(Kind):
         off = -(sight.across(self.values) @ read[:, :, None])[:, :, 0]
         sine, cosine = np.linalg.norm(off, axis=1), np.einsum("ni,ni->n", sight.ways(self.values), read)
         opposite = (sine < SMALLEST_STD) & (cosine < 0.0)
-        off, sine = (
-            np.where(opposite[:, None], (1.0, 0.0), off),
-            np.where(opposite, 1.0, np.maximum(sine, SMALLEST_STD)),
-        )
+        off = np.where(opposite[:, None], (1.0, 0.0), off)
+        sine = np.where(opposite, 1.0, np.maximum(sine, SMALLEST_STD))
         angle = np.arctan2(np.where(opposite, 0.0, sine), cosine)
         return np.where(np.isfinite(self.sigma), off * (angle / sine)[:, None], 0.0)
 

@@ -282,10 +282,8 @@ def ranking(found_effect: Found, number: int) -> str:
     bars: dict[str, tuple[float, str]] = {}  # of every candidate once, the best first
     for hypothesis, odds in found_effect.ranking:
         candidate = hypothesis.one
-        key, label = (
-            (candidate.law.name, candidate.location),
-            labelled(candidate.effect(np.zeros(len(candidate.location.terms)))),
-        )
+        key = (candidate.law.name, candidate.location)
+        label = labelled(candidate.effect(np.zeros(len(candidate.location.terms))))
         bars.setdefault(label, (0.5 * odds, AFTER if key == key_of_effect else MARK if key in same else RULE))
     rows = list(bars.items())[:14][::-1]
     if not rows:
@@ -313,10 +311,8 @@ def wave(trace: Trace, index: int) -> tuple[str, ...]:
     if not rest or rest != sine or not {"A", "B"} <= set(effect.effect.named):
         return ()
     amplitudes = np.array([effect.effect.named["A"], effect.effect.named["B"]])
-    size, names = (
-        float(np.hypot(*amplitudes)),
-        [name for name in ("A", "B") if 0.0 < effect.std.get(name, 0.0) < np.inf],
-    )
+    size = float(np.hypot(*amplitudes))
+    names = [name for name in ("A", "B") if 0.0 < effect.std.get(name, 0.0) < np.inf]
     if size == 0.0:
         return ()
     fit, block = trace.state.fit, trace.state.effects[effect.index]
