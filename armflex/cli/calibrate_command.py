@@ -65,9 +65,8 @@ def command(
         with progress("sampling") as tick:
             samples = sample_laws(calibration.fit, sample, progress=tick)
     axes: tuple[LearnedAxis, ...] = ()
-    if any(
-        p.kind is ParameterKind.LAW for p in calibration.parameters
-    ):  # else they stay as an earlier campaign taught them
+    # Else they stay as an earlier campaign taught them.
+    if any(parameter.kind is ParameterKind.LAW for parameter in calibration.parameters):
         fitted = {name: law for name, law in learned_laws(calibration.arm).items() if law.posterior is not None}
         axes = learned_axes(calibration.fit, fitted, samples) if fitted else ()
     with together():

@@ -347,8 +347,7 @@ def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLO
     asked: list[tuple[Flag, ...]] = []
     for table in read_pieces(path, kinds, most):
         recognised, (measurements, turned) = _known_columns(table, arm, True, None), _measurements(table, arm, unnamed)
-        if turned is not None:
-            warn((turned,))
+        warn(() if turned is None else (turned,))
         asked.append(unit_flags(table, arm))
         earliest += [datetime.fromisoformat(measurements.begins)] if measurements.begins else []
         for name in (name for name in table.columns if name not in recognised):

@@ -254,9 +254,8 @@ def parse_xml(path: Path, text: bytes | None = None) -> etree._Element:
         where = Place(path, element.sourceline or 0)
         if depth > MAX_DEPTH:
             raise UrdfError(where, f"nested deeper than {MAX_DEPTH} elements")
-        if element.prefix is None and str(element.tag).startswith(
-            "{"
-        ):  # of a default namespace: Drake's files have one, and other readers look at none
+        # Of a default namespace: Drake's files have one, and other readers look at none.
+        if element.prefix is None and str(element.tag).startswith("{"):
             element.tag = etree.QName(element).localname
         for name, value in element.attrib.items():
             if bad := unprintable(str(value)):

@@ -154,7 +154,8 @@ def _picture(checked: CheckedPath, points: tuple[Point, ...]) -> str:
 
     try:
         here = at(row)
-        tips = np.array([at(i).link_poses(0.0)[arm.robot.tip][:3, 3] for i in _some(path, points)]) @ arm.robot.mount.T
+        rows = np.unique(np.linspace(0, len(path) - 1, 120).astype(int)).tolist()  # enough to show a path
+        tips = np.array([at(i).link_poses(0.0)[arm.robot.tip][:3, 3] for i in rows]) @ arm.robot.mount.T
         named = {point: at(int(np.argmin(np.abs(path.time - point.time)))) for point in points[:MOST]}
     except ArmflexError as error:  # a joint beyond its limit, an arm that buckles
         return f"<p>No picture: {cut(str(error), 200).replace('<', '(').replace('&', '+')}</p>"
@@ -175,11 +176,6 @@ def _picture(checked: CheckedPath, points: tuple[Point, ...]) -> str:
         grid(panel)
     axes[0].set_title(f"from the side, at {cut(points[0].name or f'{points[0].time:g} s')}, bent {factor:g} times")
     return inline(figure, "the arm at its worst via-point")
-
-
-def _some(path: Trajectory, points: tuple[Point, ...]) -> list[int]:
-    """Return rows that show a path: some hundred evenly, and every one that is named."""
-    return sorted({*np.linspace(0, len(path) - 1, min(len(path), 120)).astype(int).tolist()})
 
 
 def _chain(deflection: Deflection, factor: float) -> Array:

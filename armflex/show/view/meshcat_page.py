@@ -174,14 +174,9 @@ def commands(scene: Scene, camera: Viewpoint) -> Iterator[Json]:
     for line in scene.polylines:
         yield _object(_path("Paths", line.name), _triangles(*tube_mesh(line.points, line.radius)), _paint(line.color))
     ball, sides = capsule_mesh(1.0, 0.0, _BALL_SIDES)
-    for color in dict.fromkeys(
-        marker.color for marker in scene.markers if marker.radius
-    ):  # hundreds of balls are one mesh
-        balls = [
-            marker.position + marker.radius * ball
-            for marker in scene.markers
-            if marker.color == color and marker.radius
-        ]
+    shown = [marker for marker in scene.markers if marker.radius]
+    for color in dict.fromkeys(marker.color for marker in shown):  # hundreds of balls are one mesh
+        balls = [marker.position + marker.radius * ball for marker in shown if marker.color == color]
         faces = [i * len(ball) + sides for i in range(len(balls))]
         yield _object(_path("Markers", color), _triangles(np.concatenate(balls), np.concatenate(faces)), _paint(color))
     if scene.times is not None:
