@@ -23,7 +23,7 @@ from armflex.declaration import DEEP, MAX_BYTES
 from armflex.errors import Flag, InputError, UnknownNameError, did_you_mean, listing
 from armflex.files.arm_file import ROBOTS, load_arm
 from armflex.laws.effects.in_arm import about_time, settled_covariates
-from armflex.measured.clock import as_in
+from armflex.measured.campaign_clock import as_in
 from armflex.measured.forces import FORCE_AXES, FORCE_KINDS, UNLOADED, Unnamed, read_force_table
 from armflex.measured.joined import joined
 from armflex.measured.measurements import Measurements, read_measurements

@@ -41,7 +41,7 @@ from armflex.parameters import (
 )
 from armflex.readings.instrument import Instrument, frame_of, motion_of
 from armflex.robot import Corrections
-from armflex.rows.clock import Period
+from armflex.rows.period import Period
 from armflex.storage.array_file import Layout, read_arrays, write_arrays
 from armflex.storage.schema import Numbers
 

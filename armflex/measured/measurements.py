@@ -56,7 +56,7 @@ from armflex.measured.table import (
 from armflex.readings import Camera, Kind, Orientation, Position, Readings, TouchingSensor, touched
 from armflex.result import Result
 from armflex.rows import Rows
-from armflex.rows.clock import Period
+from armflex.rows.period import Period
 from armflex.rows.rows import APPROACH, MOST_LEVELS, last_motion, level_columns
 
 POSITION, ROTATION, EACH = ("x", "y", "z"), ("rx", "ry", "rz"), ("sigma_x", "sigma_y", "sigma_z")
@@ -648,29 +648,25 @@ def _sensor_flags(measurements: Measurements, arm: Arm, table: Table) -> Iterato
         elif name not in read:
             # A column that nothing knows, in this kind's units, may be meant.
             units, headers = UNITS[sensor.kind.quantity], [table.columns[name] for name in measurements.covariates]
-            like = [
-                column.header for column in headers if column.unit in units or column.header.rpartition("_")[2] in units
-            ]
+            ends = [(column.header, {column.unit, column.header.rpartition("_")[2]}) for column in headers]
+            like = [header for header, end in ends if not end.isdisjoint(units)]
             hint = f", did you mean {like[0]!r}?" if len(columns) == 1 and len(like) == 1 else ""
             text = f"[instrument.{name}] is declared, and no column reads it ({listing(columns)})"
             yield Flag("instrument_unread", text + hint)
     for name in measurements.covariates:
         base, _, axis = name.rpartition("_")
         if axis == "x" and base and f"{base}_y" in measurements.covariates:
-            text = (
-                f"columns {name} and {base}_y are covariates: if an instrument reads them, declare [instrument.{base}]"
-            )
-            yield Flag("instrument_undeclared", text)
+            text = f"columns {name} and {base}_y are covariates: if an instrument reads them, declare"
+            yield Flag("instrument_undeclared", f"{text} [instrument.{base}]")
     needed = {column for effect in arm.effects for column in effect.location.covariates}
     alike: dict[str, list[str]] = {}
     for name, values in measurements.covariates.items():
         base, _, unit = name.rpartition("_")
-        if isinstance(values, np.ndarray) and name not in needed and base and unit in READ_IN:
-            stem = base[:-2] if base.endswith(("_x", "_y", "_z")) else base
+        stem = base[:-2] if base.endswith(("_x", "_y", "_z")) else base
+        is_read = base and unit in READ_IN and not stem.lower().startswith(TEMPERATURES)
+        if isinstance(values, np.ndarray) and name not in needed and is_read:
             alike.setdefault(stem, []).append(name)
     for stem, names in alike.items():
-        if stem.lower().startswith(TEMPERATURES):
-            continue
         what = f"column {names[0]} is" if len(names) == 1 else f"columns {listing(names)} are"
         text = f"{what} read as {'a covariate' if len(names) == 1 else 'covariates'}"
         yield Flag("instrument_undeclared", f"{text}; [instrument.{stem}] would have it read the arm")

@@ -19,7 +19,7 @@ from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import FRAMES, ParameterKind, numbered
 from armflex.plan.design import Goal, IOptimal, TOptimal, instead, shows
 from armflex.plan.design_model import CandidateBlock, DesignModel
-from armflex.plan.hypotheses import EffectInQuestion
+from armflex.plan.effects_in_question import EffectInQuestion
 from armflex.plan.instruments import Mounted, declaration, informing_levels
 from armflex.plan.offer import Offer, Reach
 from armflex.result import Result, record

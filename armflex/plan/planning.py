@@ -24,7 +24,14 @@ from armflex.parameters import OF_SESSION
 from armflex.plan.design import DsOptimal, Goal, IOptimal, TOptimal, Truth, exchanged, greedy, path
 from armflex.plan.design_model import Before, DesignModel, answers, known_before, learning, model_of, noises_of
 from armflex.plan.drive import driven
-from armflex.plan.hypotheses import EffectInQuestion, candidate_of, hypothesis_of, named_effect, refitted, spelled
+from armflex.plan.effects_in_question import (
+    EffectInQuestion,
+    candidate_of,
+    hypothesis_of,
+    named_effect,
+    refitted,
+    spelled,
+)
 from armflex.plan.instruments import TRACKER, Mounted, choose, informing_levels, offered
 from armflex.plan.offer import Offer, Reach, around, rows_at, spread_evenly
 from armflex.plan.planned_rows import DISTINGUISHED, UNKNOWN, Plan, blind_spots

@@ -27,7 +27,7 @@ from armflex.laws.effects.in_arm import (
     directions,
     remembers,
 )
-from armflex.measured.clock import runs_by_clock
+from armflex.measured.campaign_clock import runs_by_clock
 from armflex.measured.forces import UNLOADED, Unnamed, read_force_table
 from armflex.measured.measurements import Measurements, as_measurements, read_measurements, stream_inputs
 from armflex.measured.table import Tabular, writing_table

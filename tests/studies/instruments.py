@@ -41,7 +41,7 @@ from support.small_arms import ROBOTS
 from armflex import Arm, Measurements, calibrate, load_arm, plan, predict, read_measurements, trace
 from armflex.conventions import TWIST_NAMES
 from armflex.estimate import Calibration
-from armflex.plan.hypotheses import spelled
+from armflex.plan.effects_in_question import spelled
 from armflex.plan.instruments import declaration
 from armflex.readings.instrument import fit_frame
 from armflex.trace.findings import Trace

@@ -62,7 +62,7 @@ NAMED = (
     "bent_rod",
     "support_lift",
     "guide",
-    "telescope",
+    "telescope_bending",
 )
 """A file each, whose law has its name in capitals; see `LAWS` for the order."""
 

@@ -21,7 +21,7 @@ from armflex.laws.effects.location import drive_axis
 from armflex.laws.effects.shapes import on_axis, own_column, twists
 from armflex.laws.terms import waves
 from armflex.plan.design import instead
-from armflex.plan.hypotheses import named_effect, spelled
+from armflex.plan.effects_in_question import named_effect, spelled
 from armflex.show.report.words import called, labelled, units_of
 
 

@@ -18,7 +18,7 @@ from armflex.measured.measurements import Measurements
 from armflex.plan.asking import Cause, Question
 from armflex.plan.design import Named, Truth
 from armflex.plan.design_model import Before, known_before
-from armflex.plan.hypotheses import named_effect
+from armflex.plan.effects_in_question import named_effect
 from armflex.plan.next_measurement import misplaced_centres
 from armflex.rows.rows import last_motion
 

@@ -18,8 +18,8 @@ from support.compiled_arm import COMPILER, compiled
 from armflex import Arm, calibrate, load_arm, map_workspace, predict, read_measurements
 from armflex.errors import ArmFileError, InputError
 from armflex.laws.terms import Factor, Of
-from armflex.measured.clock import as_in
-from armflex.rows.clock import Period
+from armflex.measured.campaign_clock import as_in
+from armflex.rows.period import Period
 
 BEGAN = datetime(2026, 3, 1, 8)
 SIZE, AT, LAST, WANDER = 3e-3, 500.0, 1990.0, 1e-6

@@ -69,7 +69,7 @@ def _terms(here: Here, inner: Values) -> list[list[Term]]:
     return [[straight(matrix, *powers(own_column(here), n)) for n, matrix in enumerate(matrices)] for matrices in each]
 
 
-TELESCOPE = TwistLaw(
+TELESCOPE_BENDING = TwistLaw(
     name="unnamed_telescope",
     words=Words(
         "bending of a telescope",
