@@ -360,9 +360,8 @@ class Trajectory(Result):
         if self.joint_names == arm.joint_names:
             return self
         if sorted(self.joint_names) != sorted(arm.joint_names):
-            raise InputError(
-                f"trajectory of joints {', '.join(self.joint_names)}, the arm has {', '.join(arm.joint_names)}"
-            )
+            ours, theirs = ", ".join(self.joint_names), ", ".join(arm.joint_names)
+            raise InputError(f"trajectory of joints {ours}, the arm has {theirs}")
         order = [self.joint_names.index(name) for name in arm.joint_names]
         given = {"v": self.v, "a": self.a, "target": self.target}
         moved = {name: None if values is None else values[:, order] for name, values in given.items()}

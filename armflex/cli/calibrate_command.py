@@ -50,9 +50,8 @@ def command(
     """
     arm = options.declared_arm(arm_path, "calibrate", keep, lax)
     if sample and keep:
-        raise InputError(
-            "--sample draws laws that are learned, and --keep keeps them as they are: leave out one of the two"
-        )
+        text = "--sample draws laws that are learned, and --keep keeps them as they are"
+        raise InputError(f"{text}: leave out one of the two")
     if sample and not any(flexure.learn for flexure in arm.flexures):
         raise InputError(f"{arm_path}: no flexure has learn = true: there is no law for --sample")
     measurements = measured(arm)

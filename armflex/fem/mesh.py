@@ -269,9 +269,8 @@ class Draft:
             for key in keys:
                 if self.materials[before := made.setdefault(key, material)] != self.materials[material]:
                     number = self.elements[key][0]
-                    self.fail(
-                        f"element {number} is in two sections, of the materials {before!r} and {material!r}", line
-                    )
+                    both = f"of the materials {before!r} and {material!r}"
+                    self.fail(f"element {number} is in two sections, {both}", line)
         sorts: dict[tuple[str, str], list[tuple[int, list[int], int]]] = {}
         for key, (number, kind, nodes, line) in self.elements.items():
             if missing := [node for node in nodes if node not in rows]:

@@ -308,9 +308,8 @@ def read_measurements(
         *force_flags(measurements, arm),
     )
     flags += branch_flags(table, arm)
-    flags += (
-        () if measurements.measured.any() else unit_flags(table, arm)
-    )  # else readings decide, when the arm is fitted
+    if not measurements.measured.any():  # else readings decide, when the arm is fitted
+        flags += unit_flags(table, arm)
     if export is not None:
         sha256, frame = hashlib.sha256((sha256 + export.sha256).encode()).hexdigest(), export.frame
         base = arm.robot.base
@@ -517,9 +516,8 @@ def _measurements(
     # Recorded directions; where a joint has none, that of its last change of position.
     approach, directions = last_motion(q, before), [f"approach_{joint}" for joint in arm.joint_names]
     for kind in readings.kinds:  # an arm that is guided by hand into a socket comes from no known side
-        approach = (
-            np.where(np.array([bool(text) for text in kind.texts])[:, None], 0.0, approach) if kind.texts else approach
-        )
+        touches = np.array([bool(text) for text in kind.texts or [""] * len(table)])
+        approach = np.where(touches[:, None], 0.0, approach)
     for index, name in enumerate(directions):
         if name in table.columns:
             approach[:, index] = table.numbers(name)

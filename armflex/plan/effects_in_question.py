@@ -117,9 +117,8 @@ def candidate_of(effect: Effect, arm: Arm, offer: Offer) -> CandidateBlock:
         inner = tuple(_usual(inner, effect, offer.view.context) for inner in effect.law.inner)
         effect = replace(effect, values=(*effect.amplitudes, *inner))
     if effect.remembers:
-        text = (
-            f"{effect.title} depends on the rows before: no choice of single rows distinguishes it from another effect"
-        )
+        text = f"{effect.title} depends on the rows before"
+        text += ": no choice of single rows distinguishes it from another effect"
         raise UnsupportedError(text)
     free = free_inner(effect) if sized else ()
     prior = amplitude_prior(effect, free, offer.view, offer.view.context)

@@ -302,9 +302,8 @@ def reach_of(
         text = f"sigma is {spread.max():.3g} m, more than {COARSEST:.0%} of the arm's reach of {arm.robot.reach:.3g} m"
         raise InputError(f"{text}: is it in another unit?")
     levels = {name: tuple(float(x) for x in dict.fromkeys(values)) for name, values in covariates.items()}
-    return Reach(
-        arm, lower, upper, tuple(payloads), approached, levels, session, spread, floor, sigmas=before.sigmas
-    ), flags
+    asked = arm, lower, upper, tuple(payloads), approached, levels, session, spread, floor
+    return Reach(*asked, sigmas=before.sigmas), flags
 
 
 def _approached(arm: Arm, effects: Sequence[Effect], covariates: Mapping[str, Sequence[float]]) -> tuple[str, ...]:

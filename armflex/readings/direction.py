@@ -102,9 +102,8 @@ class Direction(Kind):
         if table.has("place") or not table.has("axis"):
             if table.has("axis") or not table.has("place"):
                 text = "give `axis`, the direction in the link that points, or `place`, where a theodolite stands"
-                raise table.fail(
-                    "axis", f"stands beside `place`: {text}" if table.has("axis") else f"is missing: {text}"
-                )
+                problem = "stands beside `place`" if table.has("axis") else "is missing"
+                raise table.fail("axis", f"{problem}: {text}")
             if table.has("refraction"):
                 text = "is of what is beyond the air: over a few metres it bends by less than a tenth of an arcsec"
                 raise table.fail("refraction", f"{text}; the effect `refraction` is for more")

@@ -126,9 +126,8 @@ class Pixels(Kind):
     def ends(self, at: Postures) -> Ends:
         """Return board and camera."""
         board, eye, there, in_camera, _, change = self._seen(at)
-        there = eye.place[:, None] + in_camera @ eye.axes.swapaxes(
-            1, 2
-        )  # as far before the camera as it is taken to be
+        # As far before the camera as it is taken to be.
+        there = eye.place[:, None] + in_camera @ eye.axes.swapaxes(1, 2)
         change = change @ eye.axes.swapaxes(1, 2)[:, None]  # with the points in the base
 
         def moved(end: End) -> Array:

@@ -477,12 +477,9 @@ def _check_steps(arm: Arm, trajectory: Trajectory) -> None:
     moving, value = arm.robot.moving[joint], trajectory.q[row + 1, joint]
     unit = "m" if moving.kind == "prismatic" else "rad"
     limits = f"limits [{moving.lower:.6g}, {moving.upper:.6g}] {unit}"
-    text = (
-        f"joint {moving.name!r} goes from {trajectory.q[row, joint]:.6g} to {value:.6g} {unit} in one step, more than"
-    )
-    raise InputError(
-        f"{trajectory.where(row + 1)}: {text} {MOST_STEPS * LARGEST_STEP:g} {unit}; {limits}: is the unit right?"
-    )
+    text = f"joint {moving.name!r} goes from {trajectory.q[row, joint]:.6g} to {value:.6g} {unit} in one step"
+    most = f"more than {MOST_STEPS * LARGEST_STEP:g} {unit}"
+    raise InputError(f"{trajectory.where(row + 1)}: {text}, {most}; {limits}: is the unit right?")
 
 
 def _settled(scores: Array) -> np.ndarray:

@@ -212,9 +212,8 @@ def _rests_on(checked: CheckedPath, asked: str) -> tuple[tuple[str, str], ...]:
         source = "as declared, not calibrated; no uncertainty is stated, so none is in the verdict"
     rows = [(f"File of the {what}", f"{name}{_sha256(name)}") for what, name in checked.files.items()]
     loads = f"payload {listing(dict.fromkeys(path.payload))}"
-    pushed = max(
-        (float(np.max(wrench.sizes[0], initial=0.0)) for wrench in path.wrenches if not wrench.hangs), default=0.0
-    )
+    sizes = (float(np.max(wrench.sizes[0], initial=0.0)) for wrench in path.wrenches if not wrench.hangs)
+    pushed = max(sizes, default=0.0)
     loads += f", loads from outside up to {pushed:.4g} N" if pushed else ", no load from outside"
     effects = listing(effect.title for effect in arm.effects) if arm.effects else "none"
     damping = "0.01, assumed" if arm.damping_ratio is None else f"{arm.damping_ratio:g}"

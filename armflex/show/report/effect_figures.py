@@ -183,9 +183,8 @@ def _suspect(trace: Trace, effect: Effect, axis: Array | None) -> tuple[Array, s
         load = context.wrench(state.fit.view, location.site)[rows, main]
         return _loads(load, WRENCH_NAMES[main], f"load {WRENCH_NAMES[main]} at {location.place}")
     about_itself = location.place in context.joints and np.ptp(context.column(f"q_{location.place}")[rows]) > 0.0
-    return _column(
-        context, f"q_{location.place}" if about_itself and law.depends_on is not DependsOn.NOTHING else "time", rows
-    )
+    by_position = about_itself and law.depends_on is not DependsOn.NOTHING
+    return _column(context, f"q_{location.place}" if by_position else "time", rows)
 
 
 def _loads(values: Array, kind: str, label: str) -> tuple[Array, str]:

@@ -503,9 +503,8 @@ def _nodes(
     for link in rigid[0]:
         if shapes[link] and owner.get(link):
             ghost = (replace(shape, color=GHOST, opacity=0.22) for shape in shapes[link])
-            yield Node(
-                f"rigid/{_leaf(link)}", np.array([pose[link] for pose in rigid]), tuple(ghost), link, flexed=False
-            )
+            poses = np.array([pose[link] for pose in rigid])
+            yield Node(f"rigid/{_leaf(link)}", poses, tuple(ghost), link, flexed=False)
     for link in flexed[0]:
         if shapes[link]:
             color = colors.get(owner.get(link, ""))
@@ -539,9 +538,8 @@ def _ties(arm: Arm, flexed: Poses) -> Iterator[Node]:
     for loop in arm.robot.linkage.loops:
         poses = np.tile(np.eye(4), (len(flexed), 1, 1))
         poses[:, :3, 3] = at(loop.link, loop.at)
-        yield Node(
-            f"loops/{_leaf(loop.name)}", poses, (Shape("sphere", np.array([1.2 * radius]), color=PIN),), loop.link
-        )
+        ball = Shape("sphere", np.array([1.2 * radius]), color=PIN)
+        yield Node(f"loops/{_leaf(loop.name)}", poses, (ball,), loop.link)
     for kind, ties in (("cylinders", arm.robot.linkage.cylinders), ("springs", arm.springs)):
         for tie in ties:
             ends = at(tie.link, tie.at), at(tie.to, tie.at_to)

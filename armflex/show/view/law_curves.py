@@ -144,9 +144,8 @@ def _draw(axes: Axes, section: Slice, points: Curve | None) -> None:
         given, twists = (np.asarray(values, float) for values in points)
         at = np.interp(given[:, section.component], loads[:, section.component], y, np.nan, np.nan)
         error = scale * (twists[:, section.axis] - section.twist(given))
-        axes.plot(
-            per * given[:, section.component], at + error, ".", color="0.25", ms=2.5, zorder=3, label="known points"
-        )
+        along = per * given[:, section.component]
+        axes.plot(along, at + error, ".", color="0.25", ms=2.5, zorder=3, label="known points")
     if band is not None:
         axes.fill_between(x, y - scale * band, y + scale * band, color="C0", alpha=0.25, lw=0, label="95 % band")
     axes.plot(x, scale * section.declared(loads), "--", color="C3", lw=1.2, label="declared")

@@ -202,9 +202,8 @@ def read_mesh(urdf: Path, filename: str) -> tuple[bytes, str] | None:
                     data.decode()  # the others are text
                 return data, form
         except (OSError, ValueError) as error:
-            raise UrdfError(
-                Place(urdf), f"mesh {filename[:200]!r} cannot be read: {getattr(error, 'strerror', None) or error}"
-            ) from None
+            problem = getattr(error, "strerror", None) or error
+            raise UrdfError(Place(urdf), f"mesh {filename[:200]!r} cannot be read: {problem}") from None
     return None
 
 

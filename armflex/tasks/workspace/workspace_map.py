@@ -452,9 +452,8 @@ def _check(workspace: WorkspaceMap) -> None:
     """Raise `ValueError` where what a map says does not go together."""
     answered, asked = workspace.answered > 0, workspace.rows * len(workspace.payloads)
     if not (workspace.voxel > 0.0 and workspace.seed >= 0 and workspace.draws >= 0):
-        raise ValueError(
-            f"voxel {workspace.voxel:g}, seed {workspace.seed}, draws {workspace.draws}: expected no negative numbers"
-        )
+        given = f"voxel {workspace.voxel:g}, seed {workspace.seed}, draws {workspace.draws}"
+        raise ValueError(f"{given}: expected no negative numbers")
     for name in LISTS:
         if len(set(getattr(workspace, name))) < len(getattr(workspace, name)):
             raise ValueError(f"one of the {name} is there twice")
