@@ -17,6 +17,9 @@ from armflex.conventions import Array
 from armflex.errors import ConvergenceError, InputError
 from armflex.measured.joint_data import JointData
 
+BAND = 1.96
+"""Standard deviations each side of a 95 % band."""
+
 FOLDS, REPEATS = 10, 2
 OUTER = 10
 INNER = 5
@@ -48,7 +51,7 @@ class HeldOutFolds:
         """Share of held-out numbers inside their 95 % band, None where a law carries no uncertainty."""
         if not np.isfinite(self.std).all():
             return None
-        return float((np.abs(self.residual) <= 1.96 * self.std).mean())  # each side of a 95 % band
+        return float((np.abs(self.residual) <= BAND * self.std).mean())
 
 
 def random_folds(count: int, folds: int, seed: int) -> np.ndarray:
