@@ -169,7 +169,7 @@ class _Search:
         for one, here in zip(self.law.inner, inner, strict=True):
             if one.spread is not None and one.default is not None:
                 value -= 0.5 * ((here - one.default) / one.spread) ** 2
-        return _At(inner, value, amplitudes, columns)
+        return _At(inner, value - self.beyond(inner), amplitudes, columns)
 
     def best(self) -> tuple[Hypothesis, float] | None:
         """Return the hypothesis at its best inner values, and its log evidence there; None where it has those."""
@@ -188,7 +188,8 @@ class _Search:
             return None
         one = replace(self.hypothesis.one, inner=here.inner)
         chosen = sum(float(np.log(1.0 + len(inner.tried))) for inner in self.law.inner if inner.tried)
-        return replace(self.hypothesis, one=one, prior=self.hypothesis.prior - cost - chosen), here.value - cost
+        prior = self.hypothesis.prior - cost - chosen - self.beyond(here.inner)
+        return replace(self.hypothesis, one=one, prior=prior), here.value - cost
 
     def _moments(self, inner: Inner, value: float) -> list[float]:
         """Return the moments near a value at which something may have stepped."""
@@ -199,17 +200,38 @@ class _Search:
         return between[max(0, middle - reach) : middle + reach + 1].tolist()
 
     @cached_property
+    def _grids(self) -> tuple[Array, ...]:
+        """Values of each grid in order, or their logarithms where all are positive."""
+        grids = list[Array]()
+        for inner in self.law.inner:
+            values = {float(value) for value in inner.grid(self.hypothesis.one.location, self.screen.context)}
+            kept = [value for value in values if np.isfinite(value) and (value > 0.0 or not inner.positive)]
+            grids.append(np.log(np.sort(kept)) if inner.positive else np.sort(kept))
+        return tuple(grids)
+
+    @cached_property
     def cells(self) -> tuple[float, ...]:
         """Half the distance between two values of each grid, or of their logarithms where all are positive."""
-        found = list[float]()
-        for inner, value in zip(self.law.inner, self.start, strict=True):
-            values = {float(one) for one in inner.grid(self.hypothesis.one.location, self.screen.context)}
-            raw = np.array(sorted(one for one in values if np.isfinite(one) and (one > 0.0 or not inner.positive)))
-            raw = np.log(raw) if inner.positive else raw
+        cells = list[float]()
+        for inner, value, grid in zip(self.law.inner, self.start, self._grids, strict=True):
             alone = 0.3 if inner.positive else max(abs(value), 1.0) * 0.3
-            half = 0.5 * float(np.median(np.diff(raw))) if len(raw) > 1 else alone
-            found.append(half if inner.spread is None else inner.spread)
-        return tuple(found)
+            half = 0.5 * float(np.median(np.diff(grid))) if len(grid) > 1 else alone
+            cells.append(half if inner.spread is None else inner.spread)
+        return tuple(cells)
+
+    def beyond(self, inner: Values) -> float:
+        """Return what values inside the law count against it for being beyond their grids [nats].
+
+        The values of a grid share the probability of their law, and a value between two of them has as much of it as a
+        cell. Beyond the last one it falls as Cauchy's distribution does. A play whose radius shrinks to nothing would
+        else be as probable as one of a tenth of the load, and a compliance has a likelihood of its own.
+        """
+        cost = 0.0
+        for i in self.hypothesis.one.fitted:
+            if self.law.inner[i].spread is None and len(grid := self._grids[i]) > 1:
+                at = np.log(inner[i]) if self.law.inner[i].positive else inner[i]
+                cost += float(np.log1p((max(grid[0] - at, at - grid[-1], 0.0) / self.cells[i]) ** 2))
+        return cost
 
     def _moved(self, inner: Values, free: Sequence[int], steps: np.ndarray) -> Values:
         """Return values inside the law moved by (f,) cells of their grids."""

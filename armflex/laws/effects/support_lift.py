@@ -25,19 +25,24 @@ from armflex.laws.effects.effect import (
     Values,
     Words,
 )
-from armflex.laws.effects.location import Here, Location, drive_axis
+from armflex.laws.effects.location import Here, Location, drive_axis, path_to
 from armflex.laws.effects.shapes import on_axis, own_column
 from armflex.laws.terms import Curve, Factor, Of, Term, part, powers, straight
+from armflex.robot import Robot
+from armflex.robot.urdf import MOVING, Joint
 
 SHARES = (0.25, 0.5, 0.75)
 """Of the range that was measured: where a search for the start begins."""
+
+UPRIGHT = 0.999
+"""Tolerance: cosine of an axis to gravity from which on it stands upright: 2.6 degrees."""
 
 LEAST = 0.05
 """Tolerance: share of the rows that must be on either side of the start: else it is a line, or nothing."""
 
 
 def _places(records: Records) -> list[Location]:
-    """Return every turning drive with the axes that it tilts about, and forces across the axes of a telescope's links.
+    """Return every drive whose angle is a tilt, and forces across the axes of a telescope's links.
 
     A telescope is balanced: its weight is a force without a moment. Another arm's stop feels the moment, which follows
     from the force and the position and which `stiffening` is over: there the stop is at an angle.
@@ -47,7 +52,7 @@ def _places(records: Records) -> list[Location]:
         if records.axes(joint.name) != AXES:
             continue
         drive = drive_axis(joint)
-        if joint.kind != "prismatic":
+        if _tilts(joint, records.robot):
             locations += [Location(joint.name, drive, (f"q_{joint.name}",), (0,), side) for side in ("q", "-q")]
         for axis in AXES_TURN if records.stars else ():
             for force in (name for name in WRENCH_NAMES[:3] if name[1] != axis[1]):
@@ -58,6 +63,20 @@ def _places(records: Records) -> list[Location]:
                     for terms in ((0,), (0, 1))
                 ]
     return locations
+
+
+def _tilts(joint: Joint, robot: Robot) -> bool:
+    """Return whether the angle of a drive alone says how far what it carries is tilted: a support feels its weight.
+
+    It turns about an axis that does not stand upright, and whatever turns between it and the base stands upright.
+    """
+    turn, tilting = np.eye(3), list[bool]()
+    for inboard in path_to(joint, robot):
+        turn = turn @ inboard.rotation
+        along = abs(float(turn @ inboard.axis @ robot.gravity))
+        turns = inboard.kind in MOVING and inboard.kind != "prismatic"
+        tilting.append(turns and along < UPRIGHT * float(np.linalg.norm(robot.gravity)))
+    return tilting[-1] and not any(tilting[:-1])
 
 
 def _way(partner: str) -> tuple[float, Array]:

@@ -1,10 +1,12 @@
 """The steps of a trace one by one: what is possible at all, what is one effect, and what competes with chance."""
 
+from collections import Counter
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support import six_axes
 
 from armflex import Arm, Measurements, predict, trace
 from armflex.conventions import Array
@@ -307,3 +309,23 @@ def test_a_session_whose_name_begins_with_another_has_its_own_frame():
     folds, frames = folds_of(fit, ["a b", "a", "a b"])
     assert folds.tolist() == [0, 1, 0]
     assert [frame.tolist() for frame in frames] == [list(range(6, 12)), list(range(6))]
+
+
+def test_a_drive_whose_angle_is_no_tilt_has_no_stop(before):
+    """Of six axes the second alone: the first stands upright, and what is outboard of the second is tilted by it."""
+    places = CATALOGUE["support_lift"].places(before.context.records)
+    assert {location.site for location in places} == {"J2"}
+
+
+@pytest.mark.slow
+def test_a_play_whose_radius_is_nothing_takes_nothing_from_a_compliance():
+    joint = "shoulder_lift_joint"
+    soft = Candidate(CATALOGUE["compliance"], Location(joint, "ry", terms=(0,)), ()).effect(np.array([4e-5]))
+    wrist, own = "wrist_2_joint", ("q_wrist_2_joint",)
+    eccentric = Candidate(CATALOGUE["encoder_eccentricity"], Location(wrist, "rz", own, (0, 1)), ())
+    arm, rows = six_axes.campaign(100, 1, [soft, eccentric.effect(np.array([2.3e-3, 1.9e-3]))])
+    traced = trace(arm, rows)
+    chances = Counter[str]()
+    for effect, chance in traced.suspects:
+        chances[effect.law.name] += chance
+    assert chances["compliance"] > 0.3 and chances["hysteresis"] < 0.1
