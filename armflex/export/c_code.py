@@ -256,8 +256,8 @@ def _chain(arm: Arm, payloads: tuple[str, ...], name: str) -> _Parts:
     laws, factors, windowed, windows = _laws(arm)
     pulls = [row for pulling in arm.pulls for row in _pull(arm, pulling)]
     true, n, nq = trees[0], len(trees[0].flexures), len(arm.joint_names)
-    hidden, terms = int(np.diff(laws.starts).max(initial=0)), len(laws.bent)
-    room = 90 * n + terms + len(factors.factor) + 9 * len(pulls) + hidden + 2
+    terms = len(laws.bent)
+    room = 91 * n + terms + len(factors.factor) + 9 * len(pulls) + 2
     counts = {
         "ELEMENTS": (len(true.parents), "elements of the chain, the root among them"),
         "FLEXURES": (n, "flexures"),
@@ -273,8 +273,8 @@ def _chain(arm: Arm, payloads: tuple[str, ...], name: str) -> _Parts:
         *_tree("", true, [one.elements for one in trees]),
         c_real("constant_compliance", "of the flexures [m/N, rad/Nm and mixed]", laws.compliance),
         c_real("constant_offset", "twists without load [m, rad]", laws.offset),
-        c_real("neurons", "units, bias and gains", laws.neurons),
-        c_whole("starts", "first neuron of each flexure", laws.starts),
+        c_real("neurons", "units, bias and gains of blocks of four neurons", laws.neurons),
+        c_whole("starts", "first block of each flexure", laws.starts),
         c_real("bent", "matrix, along, whether there is a matrix", laws.bent),
         c_real("shapes", "kind, bias, exponent, u, form", laws.shapes),
         c_whole("spans", "first term of each flexure", laws.spans),

@@ -156,15 +156,17 @@ class LawStack:
     @cached_property
     def numbers(self) -> Laws:
         """The numbers of what is the same everywhere; see `Laws`."""
-        n, neurons, starts = len(self.laws), [np.zeros((0, 13))], np.zeros(len(self.laws) + 1, dtype=np.int64)
+        n, neurons, starts = len(self.laws), [np.zeros((0, 13, 4))], np.zeros(len(self.laws) + 1, dtype=np.int64)
         compliance, offset = np.zeros((1, n, 6, 6)), np.zeros((1, n, 6))
         for i, law in self.parts:
             if law.constant is not None:
                 compliance[0, i] += law.constant
         for i, _, one in self._known:
             if isinstance(one, Neurons) and not one.factors and one.window is None:
-                neurons.append(np.column_stack([one.units, one.bias, one.gains]))
-                starts[i + 1 :] += len(one.bias)
+                blocks = np.zeros((-(-len(one.bias) // 4) * 4, 13))
+                blocks[: len(one.bias)] = np.column_stack([one.units, one.bias, one.gains])
+                neurons.append(blocks.reshape(-1, 4, 13).swapaxes(1, 2))
+                starts[i + 1 :] += len(neurons[-1])
             elif isinstance(one, Term) and one.linear and not one.factors:
                 offset[0, i] += one.along
                 if one.matrix is not None:

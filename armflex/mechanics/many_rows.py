@@ -23,7 +23,7 @@ from armflex.laws import Row
 from armflex.laws.effects.context import MASS
 from armflex.mechanics.certificate import SHARE, StabilityBound
 from armflex.mechanics.chain import Frames
-from armflex.mechanics.engine.binding import NO_LINKS, NO_WRENCHES, Engine, OneRow
+from armflex.mechanics.engine.binding import NO_LINKS, NO_WRENCHES, Engine, OneRow, parts_of
 from armflex.mechanics.engine.tables import NO_CHANGES, Laws, Tree
 from armflex.mechanics.laws import LawStack, RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
@@ -216,11 +216,12 @@ def responded(
         at = np.concatenate([end.numbers[0], np.zeros(3), end.places[0, :1]])
     loose, forces, idle = state or (np.zeros((count, 0)), np.zeros((count, 0)), np.zeros((count, 0, 0)))
     rests = np.ascontiguousarray(q), loose, np.ascontiguousarray(twists), forces, idle
-    engine = Engine.of(tree, count)
+    engine = Engine.of(tree)
     engine.set_loads(*pushed, count)
     if laws is not None:
         engine.set_laws(laws, count)
     engine.respond(found, (sites.places, sites.numbers), (bodies.places, bodies.numbers), at, rests, behind)
+    engine.forget()
     return found
 
 
@@ -355,12 +356,13 @@ class RowSolver:
     def _run(
         self, q: Array, laws: RowLaws, pushed: Array, into: Solution, motion: Array | None, exact: bool = True
     ) -> np.ndarray:
-        fine, engine = np.empty(len(q), dtype=bool), Engine.of(self._chain, len(q))
+        fine, engine = np.empty(len(q), dtype=bool), Engine.of(self._chain)
         engine.set_laws(laws.numbers, len(q))
         engine.set_loads(self.pushes.links, pushed, NO_CHANGES, len(q))
         engine.set_motion(motion, len(q))
         loads = into.wrenches if len(into.wrenches) or not len(q) else None
         engine.rest_chain(q, exact, into.displacement, loads, into.twists, fine)
+        engine.forget()
         return fine
 
     def proven(
@@ -387,7 +389,8 @@ class RowSolver:
 
     def within_limits(self, q: Array) -> np.ndarray:
         """Return (N,) at which (N, nq) positions the bound holds."""
-        return np.all((q >= self._lower) & (q <= self._upper), axis=1)
+        inside = (q >= self._lower) & (q <= self._upper)
+        return np.ones(len(q), dtype=bool) if inside.all() else np.all(inside, axis=1)
 
     def linearise(self, row: Row, laws: RowLaws, found: Solution, some: np.ndarray) -> tuple[Array, Array]:
         """Return how the tip responds to changes of the laws in some rows, and how far its tangents are from rigid.
@@ -455,14 +458,10 @@ class OneChain:
         """
         if self._solve is None or not self._settled:
             return self._in_rounds(q, covariates, motion)
-        for place, name in enumerate(self._names, 1):
-            if name not in covariates:
-                return None  # the reference says which effect asks for it
-            self._known[place] = covariates[name]
-        found = self._solve(q, motion)
+        found = self._solve(q, motion) if self._know(covariates) else None
         if found is None:
             return None
-        displacement, twists, loads = found
+        displacement, twists, loads = parts_of(found, len(q))
         if motion is not None:
             proven = self._stays_by_bound(motion)
         else:
@@ -470,6 +469,19 @@ class OneChain:
         if self._moved:
             self._moved(q, displacement)
         return Rest(displacement, twists, loads, proven)
+
+    def sure(self, q: Array, covariates: Mapping[str, Array]) -> Array | None:
+        """Return the numbers of `OneRow` where a bound proves that it stays, None where more is asked."""
+        if self._solve is None or self._moved or not (self._settled and self._proven and self._know(covariates)):
+            return None
+        return self._solve(q)
+
+    def _know(self, covariates: Mapping[str, Array]) -> bool:
+        for place, name in enumerate(self._names, 1):
+            if name not in covariates:
+                return False  # the reference says which effect asks for it
+            self._known[place] = covariates[name]
+        return True
 
     def _stays(self, q: Array, covariates: Mapping[str, Array], found: Solution) -> bool:
         row = self._loaded.row(q[None], covariates)
@@ -535,7 +547,7 @@ def chunks(rows: np.ndarray, size: int) -> Iterator[slice | np.ndarray]:
 def tips_of(chain: Tree, q: Array) -> Array:
     """Return the (N, 4, 4) poses of the tip of a rigid chain at (N, nq) joint positions."""
     found = np.empty((len(q), 4, 4))
-    Engine.of(chain, len(q)).tips(np.ascontiguousarray(q), found)
+    Engine.of(chain).tips(np.ascontiguousarray(q), found)
     return found
 
 

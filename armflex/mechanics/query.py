@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from armflex.conventions import Array, covariate_array
 from armflex.mechanics.deflection import deflect
+from armflex.mechanics.engine.binding import parts_of
 from armflex.mechanics.equilibrium import Quick, check_method
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.loop_rows import LoopSolver
@@ -43,7 +44,8 @@ class Prepared:
         loaded.flags_under(wrenches, moves=False)  # raises where a link is not the arm's
         self._loaded, self._method, self._enforced, self._wrenches = loaded, method, enforce_limits, tuple(wrenches)
         self._exact, self._shape = method == "exact", (len(loaded.arm.joint_names),)
-        self._last: tuple[Array, Rest] | None = None
+        self._last: tuple[Array, Rest] | Array | None = None
+        self._displaced = slice(len(loaded.arm.joint_names), len(loaded.arm.joint_names) + 6)
         self._free = [self._workspace()] if self._exact else []
 
     def __call__(self, q: ArrayLike, **covariates: float) -> Array:
@@ -58,10 +60,9 @@ class Prepared:
         """
         given = {name: covariate_array(value, name, 0) for name, value in covariates.items()} if covariates else {}
         if self._exact and isinstance(q, np.ndarray) and q.shape == self._shape and q.dtype == FLOAT:
-            rest = self._engine(q, given)
-            if rest is not None:
-                self._last = q.copy(), rest
-                return rest.displacement
+            found = self._engine(q, given)
+            if found is not None:
+                return found
         checked, flags = self._loaded.arm.check_position(q, self._enforced)
         case = LoadCase(checked, wrenches=self._wrenches, covariates=given)
         found = deflect(self._loaded, case, flags, self._method)
@@ -69,17 +70,23 @@ class Prepared:
         self._last = checked, rest
         return rest.displacement
 
-    def _engine(self, q: Array, given: Mapping[str, Array]) -> Rest | None:
-        """Return what the engine proves, in a workspace that no other thread has meanwhile."""
+    def _engine(self, q: Array, given: Mapping[str, Array]) -> Array | None:
+        """Return and keep what the engine proves, in a workspace that no other thread has meanwhile."""
         try:
             quick = self._free.pop()
         except IndexError:
             quick = self._workspace()
         try:
+            if isinstance(quick, OneChain) and (numbers := quick.sure(q, given)) is not None:
+                self._last = numbers
+                return numbers[self._displaced]
             rest = quick(q, given, None)
         finally:
             self._free.append(quick)
-        return rest if rest is not None and rest.proven else None
+        if rest is None or not rest.proven:
+            return None
+        self._last = q.copy(), rest
+        return rest.displacement
 
     def _workspace(self) -> Quick:
         """Return the engine with memory of its own, and, of an arm with loops, with its own way along their rows."""
@@ -92,11 +99,15 @@ class Prepared:
         if self._last is None:
             n = len(self._loaded.arm.sites)
             return Rest(np.zeros(6), np.zeros((n, 6)), np.zeros((n, 6)))
+        if isinstance(self._last, np.ndarray):
+            return Rest(*parts_of(self._last, self._shape[0]))
         return self._last[1]
 
     @property
     def q(self) -> Array:
         """(nq,) joint positions of the last answer [rad or m]."""
+        if isinstance(self._last, np.ndarray):
+            return self._last[: self._shape[0]].copy()
         return np.zeros(self._shape) if self._last is None else self._last[0].copy()
 
     @property

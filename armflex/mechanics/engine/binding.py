@@ -36,9 +36,6 @@ from armflex.mechanics.engine.tables import (
 
 NO_LINKS, NO_WRENCHES = np.zeros((0, 3), dtype=WHOLE), np.zeros((1, 0, 9))
 
-FEW = 16
-"""Rows whose laws and loads may be held for the next question."""
-
 _POINTER, _WHOLE = c_void_p, c_int64
 _CALLS: dict[str, tuple[type | None, list[type]]] = {
     "engine_size": (_WHOLE, []),
@@ -98,16 +95,18 @@ class Engine:
         assert self._library.engine_size() == len(bytes(self._tables.struct))
 
     @classmethod
-    def of(cls, tree: Tree, rows: int) -> Engine:
-        """Return an engine with an arm for one question; for few rows this thread's, whose tables stay checked."""
-        if rows > FEW:
-            return cls(tree)
+    def of(cls, tree: Tree) -> Engine:
+        """Return this thread's engine with an arm, for one question; its tables stay checked."""
         engine = getattr(tree.kept, "engine", None)
         if engine is None:
             engine = tree.kept.engine = cls(tree)
-        engine._tables.forget()
-        engine._settled = False
+        engine.forget()
         return engine
+
+    def forget(self) -> None:
+        """Let go of what was given by row."""
+        self._tables.forget()
+        self._settled = False
 
     def set_laws(self, laws: Laws, rows: int) -> None:
         """Give the laws of the flexures, for so many rows."""
@@ -288,11 +287,12 @@ class OneRow:
         if factors is not None:
             engine._tables.set_factors(factors, known)
         engine._tables.set_bounds(bounds)
-        self._q, self._found, self._shape = np.zeros(tree.driven), np.zeros(6 + 12 * n), (n, 6)
+        self._memory = np.zeros(tree.driven + 6 + 12 * n)
+        self._q = self._memory[: tree.driven]
         self._links, self._wrenches = NO_LINKS, NO_WRENCHES
         self._motion, self._moves = np.zeros((1, 2, tree.driven)), False
-        self._parts = self._found[:6], self._found[6 : 6 + 6 * n], self._found[6 + 6 * n :]
-        self._ask, self._end = engine._library.engine_one, 6 + 6 * n
+        self._parts = parts_of(self._memory, tree.driven)
+        self._ask = engine._library.engine_one
         self._point()
 
     def set_loads(self, links: np.ndarray, wrenches: Array) -> None:
@@ -306,26 +306,34 @@ class OneRow:
 
     def _point(self) -> None:
         self._held = self._engine._work()
-        self._where = (self._engine._arm, *addresses((self._q, *self._parts, self._held)))
+        self._where = tuple(map(c_void_p, (self._engine._arm, *addresses((self._q, *self._parts, self._held)))))
 
-    def __call__(self, q: Array, motion: Array | None = None) -> tuple[Array, Array, Array] | None:
-        """Return (6,) displacement, (n, 6) twists and loads, None where there is no fixed point.
+    def __call__(self, q: Array, motion: Array | None = None) -> Array | None:
+        """Return q and what `parts_of` finds behind it, None where there is no fixed point.
 
         Args:
             q: (d,) positions.
             motion: (2, d) speeds and accelerations, None where it stands.
         """
+        if self._moves or motion is not None:
+            self._move(motion)
+        self._q[:] = q
+        return self._memory.copy() if self._ask(*self._where) else None
+
+    def _move(self, motion: Array | None) -> None:
         if self._moves is not (motion is not None):
             self._moves = motion is not None
             self._engine.set_motion(self._motion if self._moves else None, 1)
             self._point()
         if motion is not None:
             self._motion[0] = motion
-        self._q[:] = q
-        if not self._ask(*self._where):
-            return None
-        found, end = self._found.copy(), self._end
-        return found[:6], found[6:end].reshape(self._shape), found[end:].reshape(self._shape)
+
+
+def parts_of(found: Array, driven: int) -> tuple[Array, Array, Array]:
+    """Return (6,) displacement, (n, 6) twists and loads of an answer of `OneRow`, views behind its (d,) positions."""
+    middle = driven + 6
+    twists, loads = found[middle:].reshape(2, (len(found) - middle) // 12, 6)
+    return found[driven:middle], twists, loads
 
 
 class OneRest:

@@ -20,6 +20,35 @@ static const double CONVERGED = 1e-24;
 static const double SMALL = 0.1 * 0.1;
 #endif /* CHAIN */
 
+/* ---- Packs ------------------------------------------------------------------------------------------------------ */
+
+enum { WIDE = 4 };
+#if defined(__GNUC__) && !defined(PLAIN)
+#define PACKED 1
+typedef double pack __attribute__((vector_size(32)));
+typedef uint64_t bits __attribute__((vector_size(32)));
+typedef double loose __attribute__((vector_size(32), aligned(8)));
+static inline pack get(const double *from) { return *(const loose *)from; }
+static inline void put(double *to, pack v) { *(loose *)to = v; }
+static inline pack spread(double x) { return (pack){x, x, x, x}; }
+static inline pack all_many(double x) { return x - (pack){0.0}; } /* of -0, too */
+static inline pack add(pack a, pack b) { return a + b; }
+static inline pack sub(pack a, pack b) { return a - b; }
+static inline pack mul(pack a, pack b) { return a * b; }
+static inline pack scale(double s, pack a) { return s * a; }
+#else
+#if !defined(CHAIN)
+typedef struct { double v[4]; } pack;
+static inline pack get(const double *from) { pack p; for (int i = 0; i < 4; i++) p.v[i] = from[i]; return p; }
+static inline void put(double *to, pack p) { for (int i = 0; i < 4; i++) to[i] = p.v[i]; }
+static inline pack spread(double x) { pack p; for (int i = 0; i < 4; i++) p.v[i] = x; return p; }
+static inline pack add(pack a, pack b) { for (int i = 0; i < 4; i++) a.v[i] += b.v[i]; return a; }
+static inline pack sub(pack a, pack b) { for (int i = 0; i < 4; i++) a.v[i] -= b.v[i]; return a; }
+static inline pack mul(pack a, pack b) { for (int i = 0; i < 4; i++) a.v[i] *= b.v[i]; return a; }
+static inline pack scale(double s, pack a) { for (int i = 0; i < 4; i++) a.v[i] *= s; return a; }
+#endif /* CHAIN */
+#endif
+
 /* A cubic through values at equally spaced knots, with the slope of a parabola at the ends: see laws.terms. */
 static double table_at(const double *values, whole count, int round_, double x)
 {
@@ -91,7 +120,7 @@ static inline double bounded_one(double x)
 }
 #else
 static const double HALVINGS = 1.4426950408889634, LOG_2_ROUND = 0.6931471803691238, LOG_2_REST = 1.9082149292705877e-10;
-static const double LARGE = 1.5 * 4503599627370496.0;
+static const double LARGE = 1.5 * 4503599627370496.0, NEAR = 1.0 / 64;
 
 /* tanh to 4e-16 without branches: the halvings of exp(-2 |x|) are the last bits of a sum with a large number. */
 #define BOUNDED(name, real, bits, nearest, size, sign, power_of)                                                        \
@@ -166,6 +195,82 @@ static double draw_in(const double *window, double *load)
     return weight;
 }
 
+#if !defined(CONTROLLER)
+#if defined(PACKED)
+static inline pack nearest_many(pack x)
+{
+    return (x + LARGE) - LARGE; /* no call where a processor has no instruction for it */
+}
+static inline pack larger_many(pack a, pack b)
+{
+    bits over = (bits)(b > a);
+    return (pack)(((bits)b & over) | ((bits)a & ~over));
+}
+static inline int exceeds_many(pack x, double most)
+{
+    return (x[0] > most) || (x[1] > most) || (x[2] > most) || (x[3] > most);
+}
+static inline pack least_many(pack x)
+{
+    pack size = (pack)((bits)x & ~(bits)all_many(-0.0)), most = all_many(20.0);
+    bits over = (bits)(size > most);
+    return (pack)(((bits)most & over) | ((bits)size & ~over));
+}
+static inline pack sign_many(pack size, pack x)
+{
+    bits mask = (bits)all_many(-0.0);
+    return (pack)(((bits)size & ~mask) | ((bits)x & mask));
+}
+static inline pack power_many(pack halvings)
+{
+    return (pack)(((bits)(halvings + LARGE) + 1023) << 52);
+}
+BOUNDED(bounded_many, pack, bits, nearest_many, least_many, sign_many, power_many)
+#define LANES WIDE
+#define real pack
+#define T(name) name##_many
+#define AT(v, c) ((v)[c])
+#define EACH 1
+#define neural pack
+#define N(name) name##_many
+#define weight(from) all_many(*(from))
+#define given(x) (x)
+#define gathered(x) (x)
+#include "rest.h"
+#undef LANES
+#undef real
+#undef T
+#undef AT
+#undef EACH
+#undef neural
+#undef N
+#undef weight
+#undef given
+#undef gathered
+#define EACH WIDE
+#define neural pack
+#define N(name) name##_many
+#define weight(from) get(from)
+#define given(x) all_many(x)
+#define gathered(x) (((x)[0] + (x)[1]) + ((x)[2] + (x)[3]))
+#endif
+#endif /* CONTROLLER */
+#if !defined(PACKED)
+static inline double larger_one(double a, double b)
+{
+    return fmax(a, b);
+}
+static inline int exceeds_one(double x, double most)
+{
+    return x > most;
+}
+#define EACH 1
+#define neural double
+#define N(name) name##_one
+#define weight(from) (*(from))
+#define given(x) (x)
+#define gathered(x) (x)
+#endif
 #define LANES 1
 #define real double
 #define T(name) name##_one
@@ -177,53 +282,6 @@ static double draw_in(const double *window, double *load)
 #undef real
 #undef T
 #undef AT
-
-#if !defined(CONTROLLER)
-#if defined(__GNUC__) && !defined(PLAIN)
-#ifndef MANY
-#define MANY 4
-#endif
-typedef double lanes __attribute__((vector_size(8 * MANY)));
-typedef uint64_t bits __attribute__((vector_size(8 * MANY)));
-#define LANES MANY
-#define real lanes
-#define T(name) name##_many
-#define AT(v, c) ((v)[c])
-static inline lanes all_many(double x)
-{
-    return x - (lanes){0.0}; /* of -0, too */
-}
-static inline lanes nearest_many(lanes x)
-{
-    for (int c = 0; c < MANY; c++) {
-        x[c] = rint(x[c]);
-    }
-    return x;
-}
-static inline lanes least_many(lanes x)
-{
-    bits mask = (bits)all_many(-0.0);
-    lanes size = (lanes)((bits)x & ~mask), most = all_many(20.0);
-    bits over = (bits)(size > most);
-    return (lanes)(((bits)most & over) | ((bits)size & ~over));
-}
-static inline lanes sign_many(lanes size, lanes x)
-{
-    bits mask = (bits)all_many(-0.0);
-    return (lanes)(((bits)size & ~mask) | ((bits)x & mask));
-}
-static inline lanes power_many(lanes halvings)
-{
-    return (lanes)(((bits)(halvings + LARGE) + 1023) << 52);
-}
-BOUNDED(bounded_many, lanes, bits, nearest_many, least_many, sign_many, power_many)
-#include "rest.h"
-#undef LANES
-#undef real
-#undef T
-#undef AT
-#endif
-#endif /* CONTROLLER */
 #endif /* LOOPS */
 
 #if !defined(CHAIN)
@@ -233,27 +291,6 @@ static const double SHORTEST = 1e-9, NEAR_SINGULAR = 1e-8, ROUNDING = 1e-12, END
 
 /* ---- Vectors, and packs of four columns ------------------------------------------------------------------------- */
 
-enum { WIDE = 4 };
-#if defined(__GNUC__) && !defined(PLAIN)
-typedef double pack __attribute__((vector_size(32)));
-typedef double loose __attribute__((vector_size(32), aligned(8)));
-static inline pack get(const double *from) { return *(const loose *)from; }
-static inline void put(double *to, pack v) { *(loose *)to = v; }
-static inline pack spread(double x) { return (pack){x, x, x, x}; }
-static inline pack add(pack a, pack b) { return a + b; }
-static inline pack sub(pack a, pack b) { return a - b; }
-static inline pack mul(pack a, pack b) { return a * b; }
-static inline pack scale(double s, pack a) { return s * a; }
-#else
-typedef struct { double v[4]; } pack;
-static inline pack get(const double *from) { pack p; for (int i = 0; i < 4; i++) p.v[i] = from[i]; return p; }
-static inline void put(double *to, pack p) { for (int i = 0; i < 4; i++) to[i] = p.v[i]; }
-static inline pack spread(double x) { pack p; for (int i = 0; i < 4; i++) p.v[i] = x; return p; }
-static inline pack add(pack a, pack b) { for (int i = 0; i < 4; i++) a.v[i] += b.v[i]; return a; }
-static inline pack sub(pack a, pack b) { for (int i = 0; i < 4; i++) a.v[i] -= b.v[i]; return a; }
-static inline pack mul(pack a, pack b) { for (int i = 0; i < 4; i++) a.v[i] *= b.v[i]; return a; }
-static inline pack scale(double s, pack a) { for (int i = 0; i < 4; i++) a.v[i] *= s; return a; }
-#endif
 typedef struct { pack x, y, z; } packs;
 
 static inline packs columns(const double *from, whole width) { return (packs){get(from), get(from + width), get(from + 2 * width)}; }
@@ -448,12 +485,8 @@ whole engine_rest_room(const arm *a, whole rank)
 
 whole engine_room(const arm *a)
 {
-    whole n = a->flexures, hidden = 0;
-    for (whole i = 0; i < n; i++) {
-        whole own = a->starts[i + 1] - a->starts[i];
-        hidden = (own > hidden) ? own : hidden;
-    }
-    return 16 * (96 * n + 17 * a->count + a->terms + a->factors + 9 * a->pushes + hidden + 32) + 16 + engine_rest_room(a, 6 * n);
+    whole n = a->flexures, numbers = 2 * WIDE * a->starts[n] + 97 * n + 17 * a->count + a->terms + a->factors + 9 * a->pushes + 32;
+    return WIDE * numbers + engine_rest_room(a, 6 * n);
 }
 #endif /* CONTROLLER */
 
@@ -1708,6 +1741,38 @@ static void slots(const arm *a, whole t, const double *force, double *out, whole
 }
 
 #if !defined(CONTROLLER)
+/* Add some rows of the tangent of a flexure's neurons under a load. */
+static void steepen(const arm *a, whole i, const double *load, int first, double *total)
+{
+    neural at[6], by[3][6];
+    for (int b = 0; b < 6; b++) {
+        at[b] = given(load[b]);
+        by[0][b] = by[1][b] = by[2][b] = given(0.0);
+    }
+    for (const double *u = a->neurons + 52 * a->starts[i]; u < a->neurons + 52 * a->starts[i + 1]; u += 52) {
+        for (int j = 0; j < WIDE; j += EACH) {
+            neural units[6], value = weight(u + 24 + j), slope;
+            for (int b = 0; b < 6; b++) {
+                units[b] = weight(u + 4 * b + j);
+                value += units[b] * at[b];
+            }
+            value = N(bounded)(value);
+            slope = 1.0 - value * value;
+            for (int b = 0; b < 3; b++) {
+                neural gain = slope * weight(u + 28 + 4 * (first + b) + j);
+                for (int c = 0; c < 6; c++) {
+                    by[b][c] += gain * units[c];
+                }
+            }
+        }
+    }
+    for (int b = 0; b < 3; b++) {
+        for (int c = 0; c < 6; c++) {
+            total[TIP * (first + b) + c] += gathered(by[b][c]);
+        }
+    }
+}
+
 /* Fill the tangents of the laws under loads on the flexures. */
 static void tangents_at(const arm *a, const double *compliance, const double *weights, const double *loads, double *tangents)
 {
@@ -1717,14 +1782,8 @@ static void tangents_at(const arm *a, const double *compliance, const double *we
         for (int b = 0; b < 6; b++) {
             memcpy(total + TIP * b, compliance + 36 * i + 6 * b, 6 * sizeof *total);
         }
-        for (whole u = a->starts[i]; u < a->starts[i + 1]; u++) {
-            const double *neuron = a->neurons + 13 * u;
-            double value = bounded_one(neuron[6] + dot6(neuron, load)), slope = 1.0 - value * value;
-            pack near = scale(slope, get(neuron)), far = scale(slope, get(neuron + 4)); /* its last two are not read */
-            for (int b = 0; b < 6; b++) {
-                put(total + TIP * b, add(get(total + TIP * b), scale(neuron[7 + b], near)));
-                put(total + TIP * b + 4, add(get(total + TIP * b + 4), scale(neuron[7 + b], far)));
-            }
+        for (int half = 0; (half < 6) && (a->starts[i] < a->starts[i + 1]); half += 3) {
+            steepen(a, i, load, half, total);
         }
         for (whole t = a->spans[i]; t < a->spans[i + 1]; t++) {
             const double *bent = a->bent + 43 * t;
@@ -2311,7 +2370,7 @@ void engine_tips(const arm *a, whole rows, const double *q, double *poses, doubl
 whole engine_chain(const arm *a, whole rows, const double *q, whole exact, whole lanes_, double *displacement,
                    double *loads, double *twists, unsigned char *fine, double *room)
 {
-#if defined(__GNUC__) && !defined(PLAIN)
+#if defined(PACKED)
     if (lanes_ != 0) {
         return chain_many(a, rows, q, (int)exact, displacement, loads, twists, fine, room);
     }

@@ -29,8 +29,8 @@ typedef struct {
     const double *row, *way;  /* (m, 6) */
     const whole *flexure;     /* (n) element of each, or -1 - its closure */
     const double *compliance, *offset; /* (R, n, 6, 6), (R, n, 6) */
-    const double *neurons;    /* (H, 13) units, bias, gains */
-    const whole *starts;      /* (n + 1) */
+    const double *neurons;    /* (H, 13, 4) units, bias, gains of blocks of four */
+    const whole *starts;      /* (n + 1) first block of each flexure */
     const double *bent;       /* (B, 43) matrix, along, whether there is a matrix */
     const double *shapes;     /* (S, 45) kind, bias, exponent, u, form */
     const whole *spans, *pieces; /* (n + 1) terms of flexures, (B + 1) features of terms */

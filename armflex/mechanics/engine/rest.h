@@ -4,6 +4,7 @@ typedef struct {
     real turn[9], origin[3]; /* in the rigid arm */
     real moment[3];          /* first moment about the base of what is between it and the next */
     real moved[3], screw[9], load[6], twist[6], next[6], seen[3];
+    int apart; /* whether its compliance has no coupling */
 } T(flexure);
 typedef struct {
     real compliance[36], offset[6];
@@ -16,13 +17,24 @@ typedef struct {
     T(law) *law;
     T(body) *body; /* of an arm that moves */
     real *rates, *inertial;
-    real *weights, *factor, *hidden, *points, *pushes;
+    real *weights, *factor, *points, *pushes;
+#if !defined(CONTROLLER)
+    neural *hidden; /* of each neuron what it is told and says */
+#endif /* CONTROLLER */
     real tip[3], tip_turn[9], pull[3], quaternion[4];
 } T(state);
 
 static inline real T(dot)(const real *a, const real *b)
 {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/* Element by element: memcpy of an array would keep it out of registers. */
+static inline void T(copy)(real *to, const real *from, int count)
+{
+    for (int i = 0; i < count; i++) {
+        to[i] = from[i];
+    }
 }
 
 static inline void T(cross)(const real *a, const real *b, real *out)
@@ -42,18 +54,20 @@ static inline void T(shift)(real *to, const real *turn, const double *by, double
 /* Fill the screw by which a flexure moves what is outboard of it, and the coefficients of its exponential. */
 static inline void T(screw_of)(T(flexure) *f)
 {
-    real *v = f->screw, *w = f->screw + 3, lever[3], s = T(dot)(f->twist + 3, f->twist + 3);
+    real v[3], w[3], lever[3], s = T(dot)(f->twist + 3, f->twist + 3), third;
     for (int i = 0; i < 3; i++) {
         v[i] = T(dot)(f->turn + 3 * i, f->twist);
         w[i] = T(dot)(f->turn + 3 * i, f->twist + 3);
     }
     T(cross)(w, f->origin, lever);
     for (int i = 0; i < 3; i++) {
-        v[i] -= lever[i];
+        f->screw[i] = v[i] - lever[i];
+        f->screw[3 + i] = w[i];
     }
+    third = 1.0 / 6 - s * (1.0 / 120 - s * (1.0 / 5040 - s * (1.0 / 362880)));
     f->screw[6] = 0.5 - s * (1.0 / 24 - s * (1.0 / 720 - s * (1.0 / 40320)));
-    f->screw[7] = 1.0 / 6 - s * (1.0 / 120 - s * (1.0 / 5040 - s * (1.0 / 362880)));
-    f->screw[8] = 1.0 - f->screw[7] * s;
+    f->screw[7] = third;
+    f->screw[8] = 1.0 - third * s;
 }
 
 /* Add how far a screw moves what has a mass and a first moment; a point has a mass of 1. */
@@ -96,6 +110,18 @@ static inline void T(swing)(real *turn, const double *axis, real angle)
     cosine = 1.0 - less;
     less = 2.0 * sine * sine;
     sine = 2.0 * sine * cosine;
+    for (int j = 0; j < 3; j++) {
+        if ((axis[j] * axis[j] == 1.0) && (axis[(j + 1) % 3] == 0.0) && (axis[(j + 2) % 3] == 0.0)) {
+            real *next = turn + (j + 1) % 3, *last = turn + (j + 2) % 3;
+            sine *= axis[j];
+            for (int i = 0; i < 9; i += 3) {
+                real x = next[i], y = last[i];
+                next[i] = x + (sine * y - less * x);
+                last[i] = y - (sine * x + less * y);
+            }
+            return;
+        }
+    }
     for (int i = 0; i < 3; i++) {
         real *row = turn + 3 * i, once[3], twice[3];
         once[0] = row[1] * axis[2] - row[2] * axis[1];
@@ -112,14 +138,14 @@ static inline void T(swing)(real *turn, const double *axis, real angle)
 
 #if !defined(CONTROLLER)
 /* Keep an element's joint and body where the rigid arm has them, for an arm that moves. */
-static void T(keep)(const arm *a, T(state) *s, whole k, const real *turn, whole rows, whole first)
+static void T(keep)(const arm *a, T(state) *s, whole k, const real *turn, const real *tip, whole rows, whole first)
 {
     const double *local = a->elements + 20 * k, *own = a->inertias + 6 * k;
     const double about[9] = {own[0], own[3], own[4], own[3], own[1], own[5], own[4], own[5], own[2]};
     whole kind = a->kinds[k] & 3, joint = a->kinds[a->count + k];
     T(body) *body = s->body + k;
     real half[9], about_base[9], axis[3] = {T(all)(0.0), T(all)(0.0), T(all)(0.0)};
-    memcpy(body->centre, s->tip, sizeof body->centre);
+    T(copy)(body->centre, tip, 3);
     T(shift)(body->centre, turn, local + 16, 1.0);
     T(shift)(axis, turn, local + 12, 1.0);
     for (int i = 0; i < 3; i++) {
@@ -140,7 +166,7 @@ static void T(keep)(const arm *a, T(state) *s, whole k, const real *turn, whole 
     if ((kind == TURNS) || (kind == SLIDES)) {
         memcpy(body->screw + ((kind == TURNS) ? 3 : 0), axis, sizeof axis);
         if (kind == TURNS) {
-            T(cross)(s->tip, axis, body->screw);
+            T(cross)(tip, axis, body->screw);
         }
         for (int c = 0; c < LANES; c++) {
             const double *rates = a->motion + 2 * a->driven * ((first + c < rows) ? first + c : rows - 1);
@@ -154,7 +180,7 @@ static void T(keep)(const arm *a, T(state) *s, whole k, const real *turn, whole 
 /* Place the rigid arm. */
 static void T(place)(const arm *a, T(state) *s, whole rows, const double *q, whole first)
 {
-    real turn[9], *tip = s->tip;
+    real turn[9], tip[3];
     whole carrier = -1;
     for (int i = 0; i < 9; i++) {
         turn[i] = T(all)((i % 4 == 0) ? 1.0 : 0.0);
@@ -166,9 +192,12 @@ static void T(place)(const arm *a, T(state) *s, whole rows, const double *q, who
     for (whole k = 1; k <= a->count; k++) {
         const double *local = a->elements + 20 * k;
         whole kind = (k < a->count) ? a->kinds[k] : RIGID, own = (k < a->count) ? a->kinds[a->count + k] : -1;
-        T(shift)(tip, turn, local + 9, 1.0);
+        if ((local[9] != 0.0) || (local[10] != 0.0) || (local[11] != 0.0)) {
+            T(shift)(tip, turn, local + 9, 1.0);
+        }
         if (k == a->count) { /* the tip's own rotation is left out */
-            memcpy(s->tip_turn, turn, sizeof turn);
+            T(copy)(s->tip_turn, turn, 9);
+            T(copy)(s->tip, tip, 3);
             break;
         }
         if ((kind & ROTATED) != 0) {
@@ -182,8 +211,8 @@ static void T(place)(const arm *a, T(state) *s, whole rows, const double *q, who
         kind &= 3;
         if (kind == FLEXURE) {
             carrier = own;
-            memcpy(s->f[own].origin, tip, sizeof s->f[own].origin);
-            memcpy(s->f[own].turn, turn, sizeof turn);
+            T(copy)(s->f[own].origin, tip, 3);
+            T(copy)(s->f[own].turn, turn, 9);
         } else if (kind != RIGID) {
             real value;
             for (int c = 0; c < LANES; c++) {
@@ -206,13 +235,13 @@ static void T(place)(const arm *a, T(state) *s, whole rows, const double *q, who
         }
 #if !defined(CONTROLLER)
         if (a->motion != NULL) {
-            T(keep)(a, s, k, turn, rows, first);
+            T(keep)(a, s, k, turn, tip, rows, first);
         }
 #endif /* CONTROLLER */
         for (whole j = 0; j < a->pushes; j++) {
             if (a->links[3 * j] == k) {
                 real *point = s->points + 3 * j, *push = s->pushes + 6 * j, own_axes[6];
-                memcpy(point, tip, sizeof s->tip);
+                T(copy)(point, tip, 3);
                 T(shift)(point, turn, a->wrenches + 9 * j, 1.0);
                 for (int i = 0; i < 6; i++) {
                     for (int c = 0; c < LANES; c++) {
@@ -296,7 +325,7 @@ static void T(accelerate)(const arm *a, T(state) *s, int flexed)
             carrier = a->kinds[a->count + k];
             if (flexed) {
                 T(flexure) *f = s->f + carrier;
-                memcpy(moved, none, sizeof moved);
+                T(copy)(moved, none, 3);
                 T(carry)(f->screw, 1.0, none, moved);
                 T(twist_out)(f->screw, moved, v, w);
                 T(twist_out)(f->screw, moved, p, o);
@@ -344,10 +373,10 @@ static void T(accelerate)(const arm *a, T(state) *s, int flexed)
         for (int i = 0; i < 6; i++) {
             wrench[i] += s->inertial[6 * order[step] + i];
         }
-        memcpy(f->seen, none, sizeof none);
+        T(copy)(f->seen, none, 3);
         T(bear)(f, wrench);
         if (flexed) {
-            memcpy(moved, none, sizeof moved);
+            T(copy)(moved, none, 3);
             T(carry)(f->screw, 1.0, none, moved);
             T(wrench_in)(f->screw, moved, wrench);
         }
@@ -361,38 +390,43 @@ static void T(weigh)(const arm *a, T(state) *s, int flexed)
     const whole *order = a->kinds + 2 * a->count;
     const double *gravity = a->elements + 20 * a->count + 12;
     whole n = a->flexures;
+    real moved[3], pull[3];
     for (whole i = 0; i < 3; i++) {
-        s->pull[i] = T(all)(gravity[i]);
+        pull[i] = T(all)(gravity[i]);
+        moved[i] = T(all)(0.0);
     }
     for (whole step = n - 1; step >= 0; step--) {
-        T(flexure) *f = s->f + order[step], *outer = (step < n - 1) ? s->f + order[step + 1] : NULL;
+        T(flexure) *f = s->f + order[step];
+        real sum[3];
+        for (int i = 0; i < 3; i++) {
+            sum[i] = f->moment[i] + moved[i];
+        }
         if (flexed) {
+            if (step < n - 1) {
+                T(carry)(s->f[order[step + 1]].screw, a->elements[20 * order[step + 1] + 19], moved, sum);
+            }
             T(screw_of)(f);
         }
         for (int i = 0; i < 3; i++) {
-            f->moved[i] = f->moment[i];
-            if (outer != NULL) {
-                f->moved[i] += outer->moved[i];
-            }
-        }
-        if ((outer != NULL) && flexed) {
-            T(carry)(outer->screw, a->elements[20 * order[step + 1] + 19], outer->moved, f->moved);
+            f->moved[i] = moved[i] = sum[i];
         }
     }
     for (whole step = 0; step < n; step++) {
         T(flexure) *f = s->f + order[step];
         double mass = a->elements[20 * order[step] + 19];
-        real lever[3], force[3], moment[3];
+        real lever[3], moment[3], load[6];
         if (flexed) {
-            T(lean)(f->screw, -1.0, s->pull);
+            T(lean)(f->screw, -1.0, pull);
         }
         for (int i = 0; i < 3; i++) {
             lever[i] = f->moved[i] - mass * f->origin[i];
-            force[i] = mass * s->pull[i];
-            f->load[i] = f->load[3 + i] = T(all)(0.0);
         }
-        T(cross)(lever, s->pull, moment);
-        T(add_load)(f, force, moment);
+        T(cross)(lever, pull, moment);
+        for (int i = 0; i < 3; i++) {
+            load[i] = mass * (f->turn[i] * pull[0] + f->turn[3 + i] * pull[1] + f->turn[6 + i] * pull[2]);
+            load[3 + i] = f->turn[i] * moment[0] + f->turn[3 + i] * moment[1] + f->turn[6 + i] * moment[2];
+        }
+        T(copy)(f->load, load, 6);
     }
 #if !defined(CONTROLLER)
     if (a->motion != NULL) {
@@ -403,11 +437,11 @@ static void T(weigh)(const arm *a, T(state) *s, int flexed)
         whole outmost = a->links[3 * j + 1] - 1;
         int follows = a->links[3 * j + 2] != 0, pulled = (a->pulls != NULL) && (a->pulls[6 * j] > 0.0);
         real wrench[6], here[3];
-        memcpy(wrench, s->pushes + 6 * j, sizeof wrench);
-        memcpy(here, s->points + 3 * j, sizeof here);
+        T(copy)(wrench, s->pushes + 6 * j, 6);
+        T(copy)(here, s->points + 3 * j, 3);
         for (whole step = outmost; step >= 0; step--) {
             T(flexure) *f = s->f + order[step];
-            memcpy(f->seen, here, sizeof here);
+            T(copy)(f->seen, here, 3);
             if (follows) {
                 T(bear)(f, wrench);
             }
@@ -481,19 +515,92 @@ static void T(know)(const arm *a, T(state) *s, whole rows, const double *q, whol
     }
 }
 
+/* Add what the neurons of a flexure give under its load. Where each is told nearly what it was told before, what it said
+ * is moved on: with t = tanh x and s = tanh d, tanh (x + d) = t + s (1 - t^2) / (1 + s t). */
+static inline void T(fire)(const arm *a, const T(state) *s, whole i, int begin, real *twist)
+{
+    const double *first = a->neurons + 52 * a->starts[i], *last = a->neurons + 52 * a->starts[i + 1];
+    neural at[6], sum[6], none = given(T(all)(0.0));
+    int anew = 1;
+#if !defined(CONTROLLER)
+    neural *hidden = s->hidden + 2 * WIDE / EACH * a->starts[i], *own = hidden;
+#endif /* CONTROLLER */
+    for (int b = 0; b < 6; b++) {
+        at[b] = given(s->f[i].load[b]);
+        sum[b] = none;
+    }
+    (void)begin;
+#if !defined(CONTROLLER)
+    if (!begin) {
+        neural furthest = none;
+        for (const double *u = first; u < last; u += 52) {
+            for (int j = 0; j < WIDE; j += EACH) {
+                neural told = weight(u + 24 + j), said = own[1], by, square, turn, twice;
+                for (int b = 0; b < 6; b++) {
+                    told += weight(u + 4 * b + j) * at[b];
+                }
+                by = told - own[0];
+                square = by * by;
+                furthest = N(larger)(furthest, square);
+                by -= by * square * (1.0 / 3 - square * (2.0 / 15 - square * (17.0 / 315)));
+                turn = by * said;
+                twice = turn * turn;
+                by = (by - turn * said) * (1.0 - turn);
+                said += (by + by * twice) * (1.0 + twice * twice);
+                own[0] = told;
+                own[1] = said;
+                own += 2;
+                for (int b = 0; b < 6; b++) {
+                    sum[b] += weight(u + 28 + 4 * b + j) * said;
+                }
+            }
+        }
+        anew = N(exceeds)(furthest, NEAR * NEAR);
+        own = hidden;
+        for (int b = 0; (b < 6) && anew; b++) {
+            sum[b] = none;
+        }
+    }
+#endif /* CONTROLLER */
+    for (const double *u = first; (u < last) && anew; u += 52) {
+        for (int j = 0; j < WIDE; j += EACH) {
+            neural told = weight(u + 24 + j), said;
+            for (int b = 0; b < 6; b++) {
+                told += weight(u + 4 * b + j) * at[b];
+            }
+            said = N(bounded)(told);
+#if !defined(CONTROLLER)
+            own[0] = told;
+            own[1] = said;
+            own += 2;
+#endif /* CONTROLLER */
+            for (int b = 0; b < 6; b++) {
+                sum[b] += weight(u + 28 + 4 * b + j) * said;
+            }
+        }
+    }
+    for (int b = 0; b < 6; b++) {
+        twist[b] += gathered(sum[b]);
+    }
+}
+
 /* Fill the twists that the laws give under the loads. */
 static void T(deform)(const arm *a, T(state) *s, int begin)
 {
     for (whole i = 0; i < a->flexures; i++) {
-        const real *load = s->f[i].load;
-        real *twist = begin ? s->f[i].twist : s->f[i].next, drawn[6], counts = T(all)(1.0);
+        real borne[6], twist[6], drawn[6], counts = T(all)(1.0);
+        const real *load = borne;
         whole window = -1;
-        whole count = a->starts[i + 1] - a->starts[i];
+        T(copy)(borne, s->f[i].load, 6);
         if ((a->varies[i] != 0) || (a->law_rows > 1)) {
             const T(law) *law = s->law + i;
             for (int b = 0; b < 6; b++) {
                 const real *c = law->compliance + 6 * b;
                 twist[b] = law->offset[b] + c[0] * load[0] + c[1] * load[1] + c[2] * load[2] + c[3] * load[3] + c[4] * load[4] + c[5] * load[5];
+            }
+        } else if (s->f[i].apart) {
+            for (int b = 0; b < 6; b++) {
+                twist[b] = a->offset[6 * i + b] + a->compliance[36 * i + 7 * b] * load[b];
             }
         } else {
             for (int b = 0; b < 6; b++) {
@@ -501,18 +608,8 @@ static void T(deform)(const arm *a, T(state) *s, int begin)
                 twist[b] = a->offset[6 * i + b] + c[0] * load[0] + c[1] * load[1] + c[2] * load[2] + c[3] * load[3] + c[4] * load[4] + c[5] * load[5];
             }
         }
-        for (whole h = 0; h < count; h++) {
-            const double *u = a->neurons + 13 * (a->starts[i] + h);
-            s->hidden[h] = u[6] + u[0] * load[0] + u[1] * load[1] + u[2] * load[2] + u[3] * load[3] + u[4] * load[4] + u[5] * load[5];
-        }
-        for (whole h = 0; h < count; h++) {
-            s->hidden[h] = T(bounded)(s->hidden[h]);
-        }
-        for (whole h = 0; h < count; h++) {
-            const double *u = a->neurons + 13 * (a->starts[i] + h) + 7;
-            for (int b = 0; b < 6; b++) {
-                twist[b] += u[b] * s->hidden[h];
-            }
+        if (a->starts[i] < a->starts[i + 1]) {
+            T(fire)(a, s, i, begin, twist);
         }
         for (whole t = a->spans[i]; t < a->spans[i + 1]; t++) {
             const double *bent = a->bent + 43 * t;
@@ -521,14 +618,14 @@ static void T(deform)(const arm *a, T(state) *s, int begin)
             for (int c = 0; (c < LANES) && (own >= 0) && (own != window); c++) {
                 double at[6];
                 for (int b = 0; b < 6; b++) {
-                    at[b] = AT(s->f[i].load[b], c);
+                    at[b] = AT(borne[b], c);
                 }
                 AT(counts, c) = draw_in(a->windows + 79 * own, at);
                 for (int b = 0; b < 6; b++) {
                     AT(drawn[b], c) = at[b];
                 }
             }
-            load = (own >= 0) ? drawn : s->f[i].load;
+            load = (own >= 0) ? drawn : borne;
             if (own >= 0) {
                 value *= counts;
             }
@@ -566,15 +663,15 @@ static void T(deform)(const arm *a, T(state) *s, int begin)
                 twist[b] += value * given;
             }
         }
+        T(copy)(begin ? s->f[i].twist : s->f[i].next, twist, 6);
     }
 }
 
 /* Leave in `pull` how far the twists move the tip, and in `quaternion` how they turn it. */
 static void T(displace)(const arm *a, T(state) *s)
 {
-    real at[3], *u = s->quaternion;
+    real *u = s->quaternion;
     const whole *order = a->kinds + 2 * a->count;
-    memcpy(at, s->tip, sizeof at);
     u[0] = T(all)(1.0);
     u[1] = u[2] = u[3] = s->pull[0] = s->pull[1] = s->pull[2] = T(all)(0.0);
     for (whole step = a->flexures - 1; step >= 0; step--) {
@@ -601,22 +698,27 @@ static void T(displace)(const arm *a, T(state) *s)
 static T(state) T(divide)(const arm *a, double *room)
 {
     T(state) s;
-    real *at = (real *)(((uintptr_t)room + sizeof(real) - 1) / sizeof(real) * sizeof(real));
+    double *at = room;
     memset(&s, 0, sizeof s);
+#if !defined(CONTROLLER)
+    at = (double *)(((uintptr_t)room + sizeof(neural) - 1) / sizeof(neural) * sizeof(neural));
+    s.hidden = (neural *)at;
+    at += 2 * WIDE * LANES * a->starts[a->flexures];
+#endif /* CONTROLLER */
     s.f = (T(flexure) *)at;
-    at = (real *)(s.f + a->flexures);
-    s.law = (T(law) *)at;
+    for (whole i = 0; i < a->flexures; i++) {
+        s.f[i].apart = 0;
+    }
+    s.law = (T(law) *)(s.f + a->flexures);
     s.weights = (real *)(s.law + a->flexures);
     s.factor = s.weights + a->terms;
     s.points = s.factor + a->factors;
     s.pushes = s.points + 3 * a->pushes;
-    s.hidden = s.pushes + 6 * a->pushes;
 #if !defined(CONTROLLER)
     if (a->motion != NULL) {
-        s.body = (T(body) *)s.hidden;
+        s.body = (T(body) *)(s.pushes + 6 * a->pushes);
         s.rates = (real *)(s.body + a->count);
         s.inertial = s.rates + 2 * a->count;
-        s.hidden = s.inertial + 6 * a->flexures;
     }
 #endif /* CONTROLLER */
     return s;
@@ -631,9 +733,7 @@ static void T(solve)(const arm *a, T(state) *s, int exact, unsigned char *fine)
     T(weigh)(a, s, 0);
     T(deform)(a, s, 1);
     for (whole i = 0; i < a->flexures; i++) {
-        for (int b = 0; b < 6; b++) {
-            size += s->f[i].twist[b] * s->f[i].twist[b];
-        }
+        size += T(dot)(s->f[i].twist, s->f[i].twist) + T(dot)(s->f[i].twist + 3, s->f[i].twist + 3);
     }
     for (int c = 0; c < LANES; c++) {
         fine[c] = (AT(size, c) < SMALL) ? 1 : 0;
@@ -654,11 +754,13 @@ static void T(solve)(const arm *a, T(state) *s, int exact, unsigned char *fine)
         T(deform)(a, s, 0);
         for (whole i = 0; i < a->flexures; i++) {
             T(flexure) *f = s->f + i;
+            real by[6], twist[6];
             for (int b = 0; b < 6; b++) {
-                real by = (f->next[b] - f->twist[b]) * left;
-                f->twist[b] += by;
-                size += by * by;
+                by[b] = (f->next[b] - f->twist[b]) * left;
+                twist[b] = f->twist[b] + by[b];
             }
+            T(copy)(f->twist, twist, 6);
+            size += (T(dot)(by, by) + T(dot)(by + 3, by + 3));
         }
         moving = 0;
         for (int c = 0; c < LANES; c++) {
@@ -678,9 +780,7 @@ static void T(solve)(const arm *a, T(state) *s, int exact, unsigned char *fine)
     }
     size = T(all)(0.0);
     for (whole i = 0; (i < a->flexures) && exact; i++) {
-        for (int b = 0; b < 6; b++) {
-            size += s->f[i].twist[b] * s->f[i].twist[b];
-        }
+        size += T(dot)(s->f[i].twist, s->f[i].twist) + T(dot)(s->f[i].twist + 3, s->f[i].twist + 3);
     }
     for (int c = 0; (c < LANES) && exact; c++) {
         fine[c] = fine[c] && drawn[c] && (AT(size, c) < SMALL);
@@ -702,6 +802,12 @@ static whole T(chain)(const arm *a, whole rows, const double *q, int exact, doub
 {
     T(state) s = T(divide)(a, room);
     whole n = a->flexures, good = 0;
+    for (whole i = 0; i < n; i++) {
+        s.f[i].apart = (rows > LANES); /* else it is not worth the look */
+        for (int b = 0; (b < 36) && s.f[i].apart; b++) {
+            s.f[i].apart = (b % 7 == 0) || (a->compliance[36 * i + b] == 0.0);
+        }
+    }
     for (whole first = 0; first < rows; first += LANES) {
         unsigned char some[LANES];
         T(place)(a, &s, rows, q, first);

@@ -48,6 +48,10 @@ ARRAYS = (
 )
 
 
+BY_ROW = ("compliance", "offset", "weights", "wrenches", "changes", "motion")
+"""Arrays that have a row of their own for each row that is asked about."""
+
+
 class ArmStruct(Structure):
     """`arm` of engine.h."""
 
@@ -256,7 +260,8 @@ class Laws(NamedTuple):
 
     Attributes:
         compliance, offset: (R, n, 6, 6) and (R, n, 6): what is affine in the load.
-        neurons, starts: (H, 13) units (6), bias and gains (6) of all neurons, and (n + 1,) the first of each flexure.
+        neurons, starts: (H, 13, 4) units (6), bias and gains (6) of blocks of four neurons each, some of which may be
+            nothing, and (n + 1,) the first block of each flexure.
         bent: (T, 43) of every curved term: matrix (36), along (6), and 1 where there is a matrix.
         shapes: (S, 45) of every feature: kind, bias, exponent, u (6) and form (36); see `laws.terms`.
         spans, pieces: (n + 1,) the first term of each flexure, and (T + 1,) the first feature of each term.
@@ -320,7 +325,7 @@ class Tables:
         n, struct, allowed = len(self.tree.flexures), self.struct, (1, rows)
         neurons, terms, features = len(laws.neurons), len(laws.bent), len(laws.shapes)
         if laws.neurons is not self._kept.get("neurons") or laws.bent is not self._kept.get("bent"):
-            self._point("neurons", checked(laws.neurons, "neurons", REAL, neurons, 13))
+            self._point("neurons", checked(laws.neurons, "neurons", REAL, neurons, 13, 4))
             self._point("starts", checked(laws.starts, "starts", WHOLE, n + 1))
             self._point("bent", checked(laws.bent, "bent", REAL, terms, 43))
             self._point("shapes", checked(laws.shapes, "shapes", REAL, features, 45))
@@ -398,8 +403,11 @@ class Tables:
         self._point("bounds", checked(bounds, "bounds", REAL, 2, self.tree.driven))
 
     def forget(self) -> None:
-        """Forget for how many rows laws and loads are."""
-        struct, self._laws = self.struct, None
+        """Forget for how many rows laws and loads are, and let go of what is by row."""
+        struct, kept, self._laws = self.struct, self._kept, None
+        for name in BY_ROW:
+            if len(kept.get(name, ())) > 1:
+                del kept[name]
         struct.law_rows = struct.weight_rows = struct.wrench_rows = struct.change_rows = 0
         struct.motion = None
 
