@@ -36,6 +36,7 @@ from armflex.laws.effects.effect import ChangeableModel, Effect
 from armflex.laws.effects.in_arm import Pulling, pulling, with_twists
 from armflex.mechanics.certificate import NEAR
 from armflex.mechanics.deflection import Asked, Deflection, DeflectionBatch, deflect, deflect_batch, near_buckling
+from armflex.mechanics.history import known_alone, remembering
 from armflex.mechanics.laws import LawStack
 from armflex.mechanics.loaded import NO_PAYLOAD, LoadedArm, Names, Payload
 from armflex.mechanics.modes import Modes, modes_of
@@ -70,6 +71,7 @@ from armflex.rows.clock import Period
 from armflex.rows.wrench import Wrench
 
 SOME_NEAR = (Flag("near_buckling", f"in some rows {NEAR:g} times the loads would make the arm buckle; see `flags`"),)
+NO_HISTORY = "what effects remember is as after this load alone, put on once: of a path ask `check` or `predict`"
 
 OneRow = Sequence[float] | np.ndarray[tuple[int], np.dtype[Any]]
 ManyRows = Sequence[Sequence[float]] | np.ndarray[tuple[int, int], np.dtype[Any]]
@@ -453,7 +455,8 @@ class Arm:
             v: Joint velocities like q, if inertial loads count [rad/s or m/s].
             a: Joint accelerations like q [rad/s^2 or m/s^2].
             covariates: What the arm's effects depend on, by name: a number, or one per row of a batch. A whole record
-                will do: names that no effect depends on have no part.
+                will do: names that no effect depends on have no part. What effects remember of rows before is, where it
+                is not given, as after this load alone, put on once: play hangs back, what warms up has.
             wrenches: Loads from outside at named links; of a batch each the same in all rows, or one for each.
             method: "exact" or "newton"; see `find_equilibrium`.
             enforce_limits: Refuse positions outside the joint limits instead of flagging them.
@@ -479,6 +482,7 @@ class Arm:
             self.robot.check_motion()
         if not single:
             case = LoadCase(positions, v, a, wrenches, columns)  # pyright: ignore[reportArgumentType] - checked there
+            case = self._begun_alone(payload, case)
             batch = deflect_batch(self, payload, case, Asked(method, enforce_limits, allow_large, strict), jobs)
             warn(SOME_NEAR if (batch.found_factors < NEAR).any() else ())
             return batch
@@ -489,12 +493,24 @@ class Arm:
         loaded = self.loaded(payload)  # pyright: ignore[reportArgumentType] - refused there
         if v is not None or a is not None:
             v, a = v if v is None else self.checked(v, "v"), a if a is None else self.checked(a, "a")
-        deflection = deflect(loaded, LoadCase(checked, v, a, wrenches, columns), flags, method, allow_large)
+        case = self._begun_alone(payload, LoadCase(checked, v, a, wrenches, columns))
+        if case.covariates is not columns:
+            flags = (*flags, Flag("no_history", NO_HISTORY))
+        deflection = deflect(loaded, case, flags, method, allow_large)
         if deflection.solved.load_factor < NEAR:
             warn(near_buckling(deflection.solved.load_factor))
         if strict:
             deflection.check_seen()
         return deflection
+
+    def _begun_alone(self, payload: str | Payload | Sequence[str] | None, case: LoadCase) -> LoadCase:
+        """Return a case with what effects remember where it is not given; one that cannot be used is as it is."""
+        if not remembering(self, case.covariates):
+            return case
+        fine = case.q.shape[-1:] == (len(self.joint_names),) and all(
+            np.isfinite(values).all() for values in (case.q, case.v, case.a) if values is not None
+        )
+        return case._replace(covariates=known_alone(self, payload, case)) if fine else case
 
     def total_covariance(
         self,

@@ -104,7 +104,8 @@ TABLES = (".csv", ".parquet", ".pq", ".xlsx", ".xlsm")
 
 FILES = {
     "ARM": "An arm.toml: URDF, flexures, payloads; or a URDF alone, which is rigid.",
-    "TRAJ.csv": "A path: time, q_<joint>; optional payload, via (a name where it counts), v_<joint>, a_<joint>, "
+    "TRAJ.csv": "A path: time, q_<joint>; optional payload, via (a name where it counts), tolerance, "
+    "v_<joint>, a_<joint>, "
     "force_fx .. force_mz with force_frame and force_axes, and what effects depend on.",
     "ROWS.csv": "What is to be predicted: q_<joint>; optional payload, session, time, approach_<joint>, force_*.",
     "MEAS.csv": "What was measured: q_<joint>, x y z, sigma; optional pose, session, payload, time, force_*, and "

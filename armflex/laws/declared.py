@@ -123,7 +123,7 @@ def read_meshed(table: Declaration) -> tuple[Part, Array]:
     part = read_part(table.path.parent / table.text("file"))
     if len(part.loaded) > 1:
         text = f"has {len(part.loaded)} loaded interfaces ({listing(part.loaded)}), expected one: condense it onto that"
-        raise table.fail("file", text)
+        raise table.fail("file", f"{text}; where one of them is a pin, split the link and its mesh in two there")
     return part, pin.rpy.rpyToMatrix(table.numbers("rpy", (3,)) if table.has("rpy") else np.zeros(3))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,7 +16,7 @@ from armflex.laws.effects.context import known_columns
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import resolve
 from armflex.mechanics.deflection import Asked, Deflection, deflect_batch
-from armflex.mechanics.loaded import Structure
+from armflex.mechanics.loaded import NO_PAYLOAD, Payload, Structure
 from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.mechanics.response import respond
 from armflex.rows import Driven, Rows
@@ -32,45 +32,87 @@ def known_rows(arm: Structure, rows: Driven, gravity: Array | None = None) -> di
         MissingCovariateError: An effect with a memory needs a column that is not there.
     """
     known = known_columns(rows, arm)
-    remembering = [effect for effect in arm.effects if effect.state not in (None, *known)]
-    if not remembering:
+    if not remembering(arm, known):
         return known
-    row = Row(rows.q, {name: i for i, name in enumerate(rows.joint_names)}, known)
-    wrenches = _wrenches(arm, rows, known, remembering, gravity)
-    states, pieces = {}, tuple(rows.pieces.values()) if isinstance(rows, Rows) else ()
-    for effect in remembering:
+    motion = [rows.motion(i) for i in range(len(rows.q))]
+    rates = ([each.get(name) for each in motion] for name in ("v", "a"))
+    v, a = (np.array(values) if values and values[0] is not None else None for values in rates)
+    pieces = tuple(rows.pieces.values()) if isinstance(rows, Rows) else ()
+    case = LoadCase(rows.q, v, a, tuple(rows.wrenches), known)
+    return known | _states(arm, rows.payload, case, pieces, gravity)
+
+
+def known_alone(arm: Structure, payload: str | Payload | Sequence[str] | None, case: LoadCase) -> dict[str, Array]:
+    """Return what is known in (nq,) or (N, nq) positions that nothing went before, with the states of effects.
+
+    Each load is put on once, from nothing, and what follows a temperature has settled.
+
+    Raises:
+        MissingCovariateError: An effect with a memory needs a column that is not there.
+    """
+    if not remembering(arm, case.covariates):
+        return dict(case.covariates)
+    single, count = case.q.ndim == 1, len(np.atleast_2d(case.q))
+    columns = {name: np.broadcast_to(values, (count,)) for name, values in case.covariates.items()}
+    v, a = (None if values is None else np.atleast_2d(values) for values in (case.v, case.a))
+    payloads = (NO_PAYLOAD if payload is None else payload,) if isinstance(payload, str | Payload | None) else payload
+    apart = tuple(np.arange(count)[:, None])
+    states = _states(arm, payloads, LoadCase(np.atleast_2d(case.q), v, a, case.wrenches, columns), apart, None)
+    return {**case.covariates, **{name: values[0] if single else values for name, values in states.items()}}
+
+
+def remembering(arm: Structure, known: Container[str]) -> list[Effect]:
+    """Return the effects that remember a state that is not known."""
+    return [effect for effect in arm.effects if effect.state is not None and effect.state not in known]
+
+
+def _states(
+    arm: Structure,
+    payloads: Sequence[str | Payload],
+    case: LoadCase,
+    pieces: Sequence[np.ndarray],
+    gravity: Array | None,
+) -> dict[str, Array]:
+    """Return the (N,) states that effects remember in rows, in each of some pieces as if nothing had gone before."""
+    effects, row = remembering(arm, case.covariates), Row(case.q, arm.joint_index, case.covariates)
+    wrenches, states = _wrenches(arm, payloads, case, effects, gravity), dict[str, Array]()
+    for effect in effects:
         here = resolve(effect.location, arm.robot, arm.flexures)
         try:
-            assert effect.law.memory is not None
+            assert effect.law.memory is not None and effect.state is not None
             load = wrenches[effect.location.site]
             states[effect.state] = effect.law.memory.over(pieces, here, load, row, effect.inner)
         except MissingCovariateError as error:
             raise MissingCovariateError(error.name, error.given, effect.name) from None
-    return known | states
+    return states
 
 
 def _wrenches(
-    arm: Structure, rows: Driven, known: Mapping[str, Array], effects: Sequence[Effect], gravity: Array | None
+    arm: Structure,
+    payloads: Sequence[str | Payload],
+    case: LoadCase,
+    effects: Sequence[Effect],
+    gravity: Array | None,
 ) -> dict[str, Array]:
     """Return (N, 6) loads at the sites of effects that remember loads, as they are without those effects."""
-    found = {effect.location.site: np.zeros((len(rows.q), 6)) for effect in effects}
+    loads = {effect.location.site: np.zeros((len(case.q), 6)) for effect in effects}
     loaded = [effect.location.site for effect in effects if effect.law.remembers_load(effect.location)]
     if not loaded:
-        return found
+        return loads
     # What a small effect does to the load that it remembers is of second order.
     as_dataclass: Any = arm
     plain = replace(as_dataclass, effects=tuple(effect for effect in arm.effects if effect not in effects))
-    motion = [rows.motion(i) for i in range(len(rows.q))]
-    if not any(value is not None for one in motion for value in one.values()):
+    if not case.moves:
         asked: dict[str, Any] = {"allow_large": True, "gravity": gravity, "ask": ("wrenches",)}
-        line = respond(plain, rows.q, rows.payload, known, wrenches=rows.wrenches, **asked)
-        return found | {site: line.load_at(site) for site in loaded}
-    v, a = (None if motion[0][name] is None else np.array([one[name] for one in motion]) for name in ("v", "a"))
-    asked = Asked(enforce_limits=False, allow_large=True)
-    pulled = tuple(one.under(arm.robot.gravity) for one in rows.wrenches)
-    solved = deflect_batch(plain, rows.payload, LoadCase(rows.q, v, a, pulled, known), asked)
-    ones = [solved.row(i) for i in range(len(rows.q))]
-    return found | {site: np.array([_load_beyond(one, plain, site) for one in ones]) for site in loaded}
+        line = respond(plain, case.q, payloads, case.covariates, wrenches=case.wrenches, **asked)
+        return loads | {site: line.load_at(site) for site in loaded}
+    pulled = tuple(wrench.under(arm.robot.gravity) for wrench in case.wrenches)
+    together: Any = payloads if len(payloads) > 1 else payloads[0]
+    solved = deflect_batch(
+        plain, together, case._replace(wrenches=pulled), Asked(enforce_limits=False, allow_large=True)
+    )
+    deflections = [solved.row(i) for i in range(len(case.q))]
+    return loads | {site: np.array([_load_beyond(each, plain, site) for each in deflections]) for site in loaded}
 
 
 def _load_beyond(found: Deflection, arm: Structure, joint: str) -> Array:

@@ -233,6 +233,7 @@ def on_the_way(path: Trajectory, time: Array, place: Array, via: tuple[str, ...]
     points = path.between(segments, place - segments)
     payload = tuple(path.payload[int(here)] for here in place)  # at its end a stretch is at the next row
     loads = {"covariates": points.covariates, "wrenches": points.wrenches, "target": points.target}
+    loads["tolerance"] = points.tolerance
     places = tuple(path.places[int(here)] for here in place) if path.places else ()
     return Trajectory(path.joint_names, time, points.q, payload, via, places=places, **loads)
 

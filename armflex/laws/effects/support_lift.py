@@ -44,7 +44,7 @@ LEAST = 0.05
 
 
 def _places(records: Records) -> list[Location]:
-    """Return every drive whose angle is a tilt, and forces across the axes of a telescope's links.
+    """Return drives whose angle is a tilt, of telescopes all that turn, and forces across the axes of their links.
 
     A telescope is balanced: its weight is a force without a moment. Another arm's stop feels the moment, which follows
     from the force and the position and which `stiffening` is over: there the stop is at an angle.
@@ -54,7 +54,7 @@ def _places(records: Records) -> list[Location]:
         if records.axes(joint.name) != AXES:
             continue
         drive = drive_axis(joint)
-        if _tilts(joint, records.robot):
+        if joint.kind != "prismatic" and (records.stars or _tilts(joint, records.robot)):
             locations += [Location(joint.name, drive, (f"q_{joint.name}",), (0,), side) for side in ("q", "-q")]
         for axis in AXES_TURN if records.stars else ():
             for force in (name for name in WRENCH_NAMES[:3] if name[1] != axis[1]):
@@ -76,8 +76,11 @@ def _tilts(joint: Joint, robot: Robot) -> bool:
     for inboard in path_to(joint, robot):
         turn = turn @ inboard.rotation
         along = abs(float(turn @ inboard.axis @ robot.gravity))
-        turns = inboard.kind in MOVING and inboard.kind != "prismatic"
-        tilting.append(turns and along < UPRIGHT * float(np.linalg.norm(robot.gravity)))
+        tilting.append(
+            inboard.kind in MOVING
+            and inboard.kind != "prismatic"
+            and along < UPRIGHT * float(np.linalg.norm(robot.gravity))
+        )
     return tilting[-1] and not any(tilting[:-1])
 
 

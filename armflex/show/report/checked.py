@@ -60,8 +60,7 @@ def account(checked: CheckedPath) -> SimpleNamespace:
     frequencies = {(modes_at.name, modes_at.time): modes_at for modes_at in modes}
     settled = {(point.name, point.time): point for point in swing.via_points} if swing else {}
     worst, moves = report.path_worst, "off by" if checked.path.is_moved or "desired path" in checked.files else "moves"
-    asked = f"{report.tolerance_m * 1e3:g} mm"
-    asked += "" if report.angle_rad is None else f" and {report.angle_rad * 1e3:g} mrad"
+    asked = report.asked
     verdict = "within" if report.ok else "NOT within" if worst.verdict == "fail" else "not certain to be within"
     where = f"at {worst.name}" if worst.name else f"between via-points, at {worst.time:g} s"
     cards = (
@@ -70,9 +69,19 @@ def account(checked: CheckedPath) -> SimpleNamespace:
         *_slowest(modes, swing, checked.within),
     )
     angle = report.angle_rad is not None
-    head = ["via-point", "time s", "payload", f"{moves} mm", "margin mm", "turns mrad", *(["margin mrad"] * angle)]
+    by_row = len({point.tolerance_m for point in report.rows}) > 1
+    head = [
+        "via-point",
+        "time s",
+        "payload",
+        f"{moves} mm",
+        *(["allowed mm"] * by_row),
+        "margin mm",
+        "turns mrad",
+        *(["margin mrad"] * angle),
+    ]
     rows = tuple(
-        _row(point, frequencies.get((point.name, point.time)), settled.get((point.name, point.time)))
+        _row(point, by_row, frequencies.get((point.name, point.time)), settled.get((point.name, point.time)))
         for point in points
     )
     flags = dict.fromkeys((*arm.flags, *report.flags, *(swing.flags if swing else ())))
@@ -95,7 +104,7 @@ def account(checked: CheckedPath) -> SimpleNamespace:
         bars=_bars(checked, points),
         head=[*head, "verdict", "cause", "first frequency Hz", "settles in s", "peak mm"],
         points=rows,
-        worst=(_row(worst, None, None)[: len(head) + 2],),
+        worst=(_row(worst, by_row, None, None)[: len(head) + 2],),
         worst_head=[*head, "verdict", "cause"],
         left=left,
         campaign=_rests_on(checked, asked),
@@ -126,13 +135,14 @@ def _swings(checked: CheckedPath) -> tuple[SettlingReport | None, tuple[ModesAt,
         return None, (), f"First frequencies and settling times are not computed: {error}"
 
 
-def _row(point: Point, modes: ModesAt | None, swing: Settling | None) -> tuple[str, ...]:
+def _row(point: Point, by_row: bool, modes: ModesAt | None, swing: Settling | None) -> tuple[str, ...]:
     """Return the cells of a via-point; lengths in mm, angles in mrad."""
     return (
         point.name or "between",
         f"{point.time:g}",
         point.payload,
         millimetres(point.displacement_m, point.sigma_m).removesuffix(" mm"),
+        *([number(point.tolerance_m * 1e3)] if by_row else []),
         number(point.margin_m * 1e3, 3),
         number(point.rotation_rad * 1e3, 3),
         *([] if point.margin_rad is None else [number(point.margin_rad * 1e3, 3)]),
@@ -199,7 +209,8 @@ def _bars(checked: CheckedPath, points: tuple[Point, ...]) -> str:
     axes.bar(place, finite, width=0.6, color=[COLOURS[point.verdict] for point in shown])
     std = [2e3 * point.sigma_m if point.sigma_m is not None and np.isfinite(point.sigma_m) else 0.0 for point in shown]
     axes.errorbar(place, finite, std, fmt="none", ecolor=INK, linewidth=1.0)
-    axes.axhline(1e3 * checked.report.tolerance_m, color=MUTED, linestyle=DASHED, linewidth=1.0)
+    allowed = [1e3 * point.tolerance_m for point in shown]
+    axes.hlines(allowed, place - 0.5, place + 0.5, color=MUTED, linestyle=DASHED, linewidth=1.0)
     axes.set_xticks(place, [cut(point.name or f"{point.time:g} s", 12) for point in shown],
                     rotation=90 if len(shown) > 12 else 0)  # fmt: skip
     axes.set(ylabel="mm")

@@ -654,8 +654,7 @@ def _legend(
 def _table_title(report: CheckReport | None) -> str:
     if report is None:
         return "Via-points (no tolerance was given)"
-    angle = "" if report.angle_rad is None else f" and {report.angle_rad * 1e3:g} mrad"
-    return f"Via-points against {report.tolerance_m * 1e3:g} mm{angle}"
+    return f"Via-points against {report.asked}"
 
 
 def _table(motion: Motion, trajectory: Trajectory | None, report: CheckReport | None) -> tuple[tuple[str, ...], ...]:

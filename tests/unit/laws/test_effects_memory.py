@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from support import six_axes
 
+from armflex import Payload
+from armflex.laws.effects import CATALOGUE, Location
+from armflex.laws.effects.candidate import Candidate
 from armflex.laws.effects.hysteresis import play
 from armflex.laws.effects.shapes import follow
 
@@ -167,3 +172,23 @@ def test_no_slack_is_no_play(load):
 @pytest.mark.parametrize("radius", [5.0, 5.5])
 def test_a_load_within_the_slack_is_not_felt(radius):
     np.testing.assert_array_equal(play(np.array([3.0, -5.0, 5.0, 0.0]), radius), np.zeros(4))
+
+
+def test_where_nothing_went_before_a_load_was_put_on_once():
+    """The joint turns by gain (load - radius), and rows of a batch know nothing of each other."""
+    joint, gain, radius = "shoulder_lift_joint", 2e-4, 5.0
+    place = Location(joint, "ry", terms=(0,))
+    arm, held = six_axes.declared(), Payload(8.0, np.zeros(3))
+    remembers = replace(arm, effects=(Candidate(CATALOGUE["hysteresis"], place, (radius,)).effect(np.array([gain])),))
+    q = np.array([six_axes.LOWER, six_axes.UPPER])
+    for position in q:
+        deflection = remembers.deflection(position, held)
+        load = arm.deflection(position, held).joint_loads[arm.joint_names.index(joint), 4]
+        assert abs(load) > 2.0 * radius
+        assert deflection.twists[0, 4] == pytest.approx(gain * (load - np.sign(load) * radius), rel=5e-3)
+        assert [flag.code for flag in deflection.flags] == ["no_history"]
+    batch = remembers.deflection(q[::-1], held)
+    alone = [remembers.deflection(position, held).displacement for position in q[::-1]]
+    np.testing.assert_allclose(batch.displacement, alone, atol=1e-12)
+    given = remembers.deflection(q[0], held, covariates={remembers.effects[0].state: 0.0})
+    assert not given.flags and np.abs(given.twists).max() < 1e-15
