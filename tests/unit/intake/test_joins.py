@@ -1,7 +1,5 @@
 """`intake`: what is of one another in two files, and what is asked where that is not certain."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`intake` of lost targets and coarse clocks, of the joints of bags, and of files that were cut."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable, Iterable, Sequence
