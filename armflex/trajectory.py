@@ -50,6 +50,9 @@ SHORTEST = 1e-9
 TARGET = "target"
 """Begins the name of a column that says where a joint puts the rigid tip where the flexed one is to be."""
 
+TOLERANCE = "tolerance"
+"""Name of the column of the largest displacement of the tip in each row."""
+
 ARC = 8
 """Chords that the way of the tip from row to row is measured by; even."""
 
@@ -74,6 +77,7 @@ class Points(NamedTuple):
         covariates: Further columns by name, (M,) each in its own unit.
         target: (M, nq) [rad or m] as of `Trajectory`.
         wrenches: Known loads from outside, the same at all points or one for each.
+        tolerance: (M,) largest displacement of the tip [m], NaN where a point has none of its own; None where all do.
     """
 
     time: Array
@@ -84,6 +88,7 @@ class Points(NamedTuple):
     covariates: Mapping[str, Array]
     target: Array | None
     wrenches: tuple[Wrench, ...]
+    tolerance: Array | None = None
 
     @property
     def meant(self) -> Array:
@@ -106,12 +111,14 @@ class Points(NamedTuple):
 
         Of the sides that joints come from `of_side` is asked, where it is given.
         """
-        v, a, target = (None if values is None else of(values) for values in (self.v, self.a, self.target))
+        v, a, target, tolerance = (
+            None if values is None else of(values) for values in (self.v, self.a, self.target, self.tolerance)
+        )
         columns = {
             name: (of_side if of_side and name.startswith(APPROACH) else of)(values)
             for name, values in self.covariates.items()
         }
-        return Points(of(self.time), of(self.q), payload, v, a, columns, target, wrenches)
+        return Points(of(self.time), of(self.q), payload, v, a, columns, target, wrenches, tolerance)
 
     @property
     def asked(self) -> dict[str, Any]:
@@ -137,6 +144,8 @@ class Trajectory(Result):
         wrenches: Known loads from outside, the same in all rows or one for each of the N.
         target: (N, nq) joint positions that put the rigid tip where the flexed one is to be [rad or m], None where
             those are q.
+        tolerance: (N,) largest displacement of the tip in each row [m], NaN where a row has none of its own; None where
+            no row has one.
     """
 
     FIELDS = ("joint_names", "time", "q", "target", "payload", "via", "v", "a", "covariates")
@@ -153,9 +162,10 @@ class Trajectory(Result):
     places: tuple[Place, ...] = ()
     wrenches: tuple[Wrench, ...] = ()
     target: Array | None = None
+    tolerance: Array | None = None
 
     def __post_init__(self) -> None:
-        for name in ("time", "q", "v", "a", "target"):
+        for name in ("time", "q", "v", "a", "target", "tolerance"):
             given: Any = getattr(self, name)
             if given is not None or name in ("time", "q"):  # a list of rows is taken, too
                 object.__setattr__(self, name, real_array(given, f"trajectory {name}"))  # pyright: ignore[reportArgumentType]
@@ -168,6 +178,8 @@ class Trajectory(Result):
             given = getattr(self, name)
             if given is not None and given.shape != self.q.shape:
                 raise ShapeError(f"trajectory {name}: expected {self.q.shape}, got {given.shape}")
+        if self.tolerance is not None and self.tolerance.shape != (count,):
+            raise ShapeError(f"trajectory tolerance: expected ({count},), got {self.tolerance.shape}")
         if len(self.payload) != count or len(self.via) != count:
             raise ShapeError(f"trajectory: expected {count} payload and via names")
         if count > 1 and not (np.diff(self.time) > 0.0).all():
@@ -204,6 +216,7 @@ class Trajectory(Result):
             if values is not None:
                 columns |= {f"{prefix}_{name}": values[:, i] for i, name in enumerate(self.joint_names)}
         columns |= {"payload": self.payload, "via": self.via, **force_columns(self.wrenches, len(self))}
+        columns |= {} if self.tolerance is None else {TOLERANCE: self.tolerance}
         return columns | dict(self.covariates)
 
     def between(self, segments: np.ndarray, fractions: Array) -> Points:
@@ -214,10 +227,8 @@ class Trajectory(Result):
             # At its end a stretch is at the next row to the last digit.
             return np.where(steps == 1.0, there, values[segments] + steps * (there - values[segments]))
 
-        payload, pulled = (
-            [self.payload[i] for i in segments.tolist()],
-            tuple(wrench.each(part) for wrench in self.wrenches),
-        )
+        payload = [self.payload[i] for i in segments.tolist()]
+        pulled = tuple(wrench.each(part) for wrench in self.wrenches)
         # On the way to a row the joints move as they do when they get there.
         return self.points.each(payload, pulled, part, lambda values: values[segments + 1])
 
@@ -225,7 +236,7 @@ class Trajectory(Result):
     def points(self) -> Points:
         """The rows."""
         moved = (self.v, self.a, self.covariates, self.target)
-        return Points(self.time, self.q, self.payload, *moved, self.wrenches)
+        return Points(self.time, self.q, self.payload, *moved, self.wrenches, self.tolerance)
 
     def lengths(self, arm: Arm) -> Array:
         """Return the (N,) length of path [m] that the rigid arm's tip has gone to each row, where it is meant to be."""
@@ -362,9 +373,8 @@ class Trajectory(Result):
         if self.joint_names == arm.joint_names:
             return self
         if sorted(self.joint_names) != sorted(arm.joint_names):
-            raise InputError(
-                f"trajectory of joints {', '.join(self.joint_names)}, the arm has {', '.join(arm.joint_names)}"
-            )
+            ours, theirs = ", ".join(self.joint_names), ", ".join(arm.joint_names)
+            raise InputError(f"trajectory of joints {ours}, the arm has {theirs}")
         order = [self.joint_names.index(name) for name in arm.joint_names]
         given = {"v": self.v, "a": self.a, "target": self.target}
         moved = {name: None if values is None else values[:, order] for name, values in given.items()}
@@ -406,7 +416,7 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
             should be radians.
     """
     names = {prefix: [f"{prefix}_{joint}" for joint in arm.joint_names] for prefix in ("q", "v", "a", TARGET)}
-    kinds = {"time": "time"} | joint_kinds(arm, "qva") | FORCE_KINDS
+    kinds = {"time": "time", TOLERANCE: "length"} | joint_kinds(arm, "qva") | FORCE_KINDS
     kinds |= {name: kinds[driven] for name, driven in zip(names[TARGET], names["q"], strict=True)}
     table = read_table(path, kinds)
     check_same_arm(table, arm)
@@ -450,7 +460,19 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
         places=places,
         wrenches=read_loads(table, arm, unnamed.force),
         target=moved[TARGET],
+        tolerance=_tolerance(table),
     )
+
+
+def _tolerance(table: Table) -> Array | None:
+    """Return the (N,) tolerances [m] of a table's rows, NaN where the cell is empty; None where all are."""
+    if TOLERANCE not in table.columns:
+        return None
+    stated = np.array([bool(cell) and cell.lower() not in NOTHING for cell in table.texts(TOLERANCE)])
+    values = np.where(stated, table.numbers_where(TOLERANCE, stated), np.nan)
+    if (wrong := np.flatnonzero(values <= 0.0)).size:
+        raise table.fail(f"tolerance is {values[wrong[0]]:g} m, expected more than 0", int(wrong[0]))
+    return values if stated.any() else None
 
 
 def _covariates(table: Table, names: Sequence[str], arm: Arm) -> dict[str, Array]:
@@ -484,4 +506,7 @@ def write_trajectory(trajectory: Trajectory, path: str | Path) -> Path:
     Raises:
         InputError: As `force_columns`.
     """
-    return write_table(path, {name: np.asarray(values).tolist() for name, values in trajectory.table.items()})
+    columns = {name: np.asarray(values).tolist() for name, values in trajectory.table.items()}
+    if TOLERANCE in columns:
+        columns[TOLERANCE] = ["" if np.isnan(value) else value for value in columns[TOLERANCE]]
+    return write_table(path, columns)

@@ -1,7 +1,5 @@
 """armflex check: a trajectory against a tolerance."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +22,8 @@ from armflex.trajectory import read_trajectory
 @options.arm
 @options.as_in_campaign
 @click.argument("trajectory_path", metavar="TRAJ.csv", type=options.InputPath)
-@click.option("--tolerance", required=True, type=options.Quantity("length"), metavar="5mm",
-              help="Largest displacement of the tip, with unit.")  # fmt: skip
+@click.option("--tolerance", type=options.Quantity("length"), metavar="5mm",
+              help="Largest displacement of the tip, with unit, where a column tolerance has none.")  # fmt: skip
 @click.option("--angle", type=options.Quantity("angle"), metavar="1mrad",
               help="Largest rotation of the tip, with unit.")  # fmt: skip
 @click.option("--against", "desired_path", metavar="DESIRED.csv", type=options.InputPath,
@@ -45,7 +43,7 @@ def command(
     unnamed: Unnamed,
     table_path: Path | None,
     trajectory_path: Path,
-    tolerance: float,
+    tolerance: float | None,
     angle: float | None,
     desired_path: Path | None,
     within: float | None,
@@ -75,7 +73,7 @@ def command(
             read = {"arm": click.get_current_context().params["arm_path"], "path": trajectory_path}
             read |= {} if desired_path is None else {"desired path": desired_path}
             files = {name: str(path) for name, path in read.items()}
-            asked = arm, trajectory, report, within or tolerance, how["covariates"], files, swing
+            asked = arm, trajectory, report, within or report.tolerance_m, how["covariates"], files, swing
             write_report(CheckedPath(*asked), report_path)
         options.conclude(lambda: said, flags, arm)
     meant = "" if desired_path is None else f"; against the rigid tip on {desired_path}"
@@ -89,21 +87,24 @@ def command(
 
 def print_check(report: CheckReport, moves: str = "moves") -> None:
     """Print the via-points, worst first, and the worst of the path."""
-    asked = f"{report.tolerance_m * 1e3:g} mm"
-    asked += "" if report.angle_rad is None else f" and {report.angle_rad * 1e3:g} mrad"
+    asked, by_row = report.asked, len({point.tolerance_m for point in report.rows}) > 1
     columns = ["via-point", "time s", "payload", f"{moves} mm", "± mm", "margin mm", "turns mrad", "verdict", "cause"]
     if report.angle_rad is not None:
         columns.insert(7, "margin mrad")
+    if by_row:
+        columns.insert(5, "allowed mm")
     if report.via_points:
-        rows = [_row(point, point.name) for point in report.via_points]
+        rows = [_row(point, point.name, by_row) for point in report.via_points]
         print_table(f"Via-points against {asked}, worst first", columns, rows)
     else:
         say(no_via_points("the first, the worst and the last"), "")
         worst = min(report.rows, key=lambda point: point.badness)
         named = {"first": report.rows[0], "worst row": worst, "last": report.rows[-1]}
-        rows = [_row(point, name) for name, point in named.items()]
+        rows = [_row(point, name, by_row) for name, point in named.items()]
         print_table(f"Rows against {asked}", ["row", *columns[1:]], rows)
-    print_table("Worst of the whole path", columns, [_row(report.path_worst, report.path_worst.name or "between")])
+    print_table(
+        "Worst of the whole path", columns, [_row(report.path_worst, report.path_worst.name or "between", by_row)]
+    )
     for point in dict.fromkeys([*report.via_points, report.path_worst]):
         if point.reason:
             say(f"{point.name or 'between'} at {point.time:g} s: {point.reason}")
@@ -127,13 +128,14 @@ def print_settling(report: SettlingReport) -> None:
     print_table(f"Swing until within {report.within_m * 1e3:g} mm, if the drives stop there", columns, rows)
 
 
-def _row(point: Point, name: str) -> list[str]:
+def _row(point: Point, name: str, by_row: bool) -> list[str]:
     return [
         name,
         f"{point.time:g}",
         point.payload,
         number(point.displacement_m * 1e3),
         plus_minus(point.sigma_m),
+        *([number(point.tolerance_m * 1e3)] if by_row else []),
         number(point.margin_m * 1e3, 3),
         number(point.rotation_rad * 1e3, 3),
         *([] if point.margin_rad is None else [number(point.margin_rad * 1e3, 3)]),

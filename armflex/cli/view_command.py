@@ -1,11 +1,10 @@
 """armflex view: a page of the arm."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
 from armflex.arm import Arm
 from armflex.cli import options
@@ -52,7 +51,8 @@ def command(
         else:
             trajectory = read_trajectory(trajectory_path, arm, unnamed)
             report = None
-            if tolerance is not None:
+            by_row = trajectory.tolerance is not None and np.isfinite(trajectory.tolerance).all()
+            if tolerance is not None or by_row:
                 with progress("checking") as tick:
                     report = check(arm, trajectory, tolerance, progress=tick, covariates=covariates)
             with progress("drawing") as tick:

@@ -44,7 +44,7 @@ from armflex.files.calibration_table import (
 )
 from armflex.files.dh_table import FLANGE, read_dh
 from armflex.files.effect_file import read_effect
-from armflex.files.link_table import read_link
+from armflex.files.link_table import pins_off_root, read_link
 from armflex.files.linkage_table import read_linkage
 from armflex.files.requires_table import check_requires, requires_of
 from armflex.files.sensor_table import read_sensors
@@ -88,13 +88,7 @@ LEVEL = 1e-3
 
 
 @checked_kinds
-def load_arm(
-    path: str | Path,
-    *,
-    preset: str | None = None,
-    tip: str | None = None,
-    strict: bool = True,
-) -> Arm:
+def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = None, strict: bool = True) -> Arm:
     """Read an arm.toml and the URDF it names.
 
     Args:
@@ -220,7 +214,7 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
     effects, calibrated = root.array_of("effect"), root.has("calibration")
     root.finish()
     asked = _questions(flexures, robot, [name for name in tables if "joint_stiffness" in tables[name].table])
-    flags = [*robot.flags, *flags, *asked, *_long(robot, springs), *uncertain]
+    flags = [*robot.flags, *flags, *asked, *_long(robot, springs), *pins_off_root(bent, robot, springs), *uncertain]
     arm = Arm(
         robot,
         flexures,

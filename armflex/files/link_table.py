@@ -6,8 +6,7 @@ of a mass m_e, whose place follows from its moments (half the mass, a sixth of t
 The condensed mass differs from that of the two bodies; `modes` adds the difference.
 """
 
-from __future__ import annotations
-
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,14 +18,15 @@ from armflex.errors import Flag, did_you_mean, listing
 from armflex.fem.part import Drawing
 from armflex.laws.declared import NEAR, read_meshed
 from armflex.laws.joint.meshed import MeshedLaw
+from armflex.mechanics.spring import Spring
 from armflex.robot import Robot
 from armflex.robot.urdf import Inertial, Joint, Link
 
 MOST = 0.999
 """Share of a link's mass that its end has at most."""
 
-HEAVIER = 0.02
-"""Share by which the masses of a link in the robot's file and in its mesh may differ without a flag."""
+AT_ROOT = 0.01
+"""Share of a link's length within which a pin is at its root: the share of the link whose bending it may misplace."""
 
 
 def read_link(name: str, table: Declaration, robot: Robot) -> tuple[Robot, Flexure, tuple[Flag, ...]]:
@@ -63,7 +63,8 @@ def read_link(name: str, table: Declaration, robot: Robot) -> tuple[Robot, Flexu
         text = f"link {name!r} does not bend under its own weight: its part or its link has no mass"
         flags.append(Flag("weightless", text))
         return _ended(robot, joint, inertial, None), Flexure(name, f"{name}:end", law), tuple(flags)
-    if abs(inertial.mass - part.mass) > HEAVIER * part.mass:
+    # Share by which the masses of a link in the robot's file and in its mesh may differ without a flag.
+    if abs(inertial.mass - part.mass) > 0.02 * part.mass:
         text = f"link {name!r} weighs {inertial.mass:g} kg in {robot.urdf.path.name} and {part.mass:g} kg in its mesh"
         flags.append(Flag("link_mass", f"{text}: the former counts, distributed as the latter"))
     moments = part.weight[3:] / mass  # of a body at r the matrix of r x, whose skew part r is read from
@@ -84,6 +85,23 @@ def read_link(name: str, table: Declaration, robot: Robot) -> tuple[Robot, Flexu
         Inertial(end.mass, placed.actInv(centre), joint.rotation.T, np.zeros((3, 3)), inertial.place, True),
     )
     return _ended(robot, joint, *bodies), Flexure(name, f"{name}:end", law, inertia=inertia), tuple(flags)
+
+
+def pins_off_root(bent: Sequence[Flexure], robot: Robot, springs: Sequence[Spring]) -> Iterator[Flag]:
+    """Yield a flag about each pin of a loop, a cylinder or a spring that stands between the ends of a link that bends.
+
+    The link's one flexure is at its end, so the pin rides on the root as if nothing bent between them.
+    """
+    ends = {flexure.name: robot.urdf.joints[f"{flexure.name}:end"].origin for flexure in bent}
+    for tie in (*robot.linkage.loops, *robot.linkage.cylinders, *springs):
+        both = (tie.link, tie.at), (tie.to, tie.at_to)
+        for link, point in (end for end in both if end[0] in ends):
+            length = float(np.linalg.norm(ends[link]))
+            if (along := float(point @ ends[link]) / length) > AT_ROOT * length:
+                text = f"the pin of {tie.name!r} is {along:.3g} m from the root of link {link!r}, {along / length:.0%}"
+                text += " along it, and the link bends behind its pins alone: what bends before this one is taken as"
+                text += f" unheld, and the sag is wrong; split link {link!r} and its mesh in two at the pin"
+                yield Flag("pin_off_root", text)
 
 
 def _ended(robot: Robot, joint: Joint, rest: Inertial | None, end: Inertial | None) -> Robot:

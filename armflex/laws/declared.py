@@ -1,7 +1,5 @@
 """Flexures and their laws as an arm.toml declares them: by numbers, a trained file, or sub-joints and beams."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -123,7 +121,7 @@ def read_meshed(table: Declaration) -> tuple[Part, Array]:
     part = read_part(table.path.parent / table.text("file"))
     if len(part.loaded) > 1:
         text = f"has {len(part.loaded)} loaded interfaces ({listing(part.loaded)}), expected one: condense it onto that"
-        raise table.fail("file", text)
+        raise table.fail("file", f"{text}; where one of them is a pin, split the link and its mesh in two there")
     return part, pin.rpy.rpyToMatrix(table.numbers("rpy", (3,)) if table.has("rpy") else np.zeros(3))
 
 
@@ -219,12 +217,7 @@ def _known(table: Declaration, key: str, name: str, nodes: Mapping[str, Array]) 
     return name
 
 
-DECLARED = (
-    "linear",
-    "position_dependent",
-    "telescope",
-    "hardening",
-)
+DECLARED = ("linear", "position_dependent", "telescope", "hardening")
 """Laws by numbers: a file of `joint/` each, with a function `read_NAME` and an `EXAMPLE` of what it reads; a new law is
 one more file and a line here."""
 

@@ -12,8 +12,6 @@ covariance (`armflex.linear_gaussian`). With S = 1 + X N^-1 X' one row
 Rows are chosen one after the other, then exchanged until none is better (Fedorov 1972).
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -23,9 +21,6 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.laws.effects.effect import Effect, EffectLaw, Watching
 from armflex.linear_gaussian import LinearGaussian
-
-WORTH = 1e-6
-"""Share of what is reached by which an exchange must raise it: less is rounding."""
 
 
 class Goal(Protocol):
@@ -213,7 +208,8 @@ def exchanged(goal: Goal, gram: LinearGaussian, rows: Array, chosen: Sequence[in
         for place, row in enumerate(before):
             gains = _gains_beside(goal, gram, rows, chosen[:place] + chosen[place + 1 :])
             best = int(gains.argmax())
-            if gains[best] > gains[row] + WORTH * abs(gains[row]):
+            # Share of what is reached by which an exchange must raise it: less is rounding.
+            if gains[best] > gains[row] + 1e-6 * abs(gains[row]):
                 chosen[place] = best
         if chosen == before:
             break

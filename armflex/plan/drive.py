@@ -24,9 +24,6 @@ if TYPE_CHECKING:
     from armflex.plan.asking import RequestedRows
     from armflex.plan.planned_rows import Plan
 
-FINEST = 1e-6
-"""Resolution of a joint position in a file [m, rad], at least."""
-
 RUN_UP = "to "
 """How the pose of a stop begins that is only there to come from the right side."""
 
@@ -147,7 +144,8 @@ def write_plan(found: Plan | RequestedRows, path: str | Path) -> Path:
     for i, joint in enumerate(reach.arm.robot.moving):
         name, values = f"q_{joint.name}", rows.q[:, i]
         unit, factor = _unit(found, name, "length" if joint.kind == "prismatic" else "angle")
-        digits = int(np.floor(1e-9 - np.log10(FINEST / factor)))
+        # Resolution of a joint position in a file [m, rad], at least.
+        digits = int(np.floor(1e-9 - np.log10(1e-6 / factor)))
         # Rounded towards the middle at its limits.
         inside = np.round(0.1**digits, digits) * np.ceil(np.array([joint.lower, -joint.upper]) / factor * 10.0**digits)
         rounded = np.clip(np.round(values / factor, digits), inside[0], -inside[1])

@@ -1,7 +1,5 @@
 """Instruments that could be put on an arm: where, and which of them inform most."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 `armflex.plan.asking` has the rows, and says what no row of this kind distinguishes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations

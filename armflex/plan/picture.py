@@ -19,9 +19,6 @@ if TYPE_CHECKING:
 CELLS = 22
 """Cells across a map."""
 
-MARGIN = 0.05
-"""Room beside what a map shows, as a share of its width or height."""
-
 
 @checked_kinds
 def draw_plan(planned: Plan, path: str | Path) -> Path:
@@ -57,7 +54,7 @@ def draw_plan(planned: Plan, path: str | Path) -> Path:
         maps[1].set_title(f"{maps[1].get_title()} (circles)")
         for axes in maps:
             axes.update_datalim(np.transpose(read))
-            axes.margins(MARGIN)
+            axes.margins(0.05)  # room beside what a map shows, as a share of its width or height
             axes.autoscale_view()
         text = "standard deviation of what would be read, 3-D [mm]"
         _plain(figure.colorbar(marks, ax=maps, label=text, extend="both").ax)

@@ -1,7 +1,5 @@
 """What a plan is: rows in the order to drive them, what they should determine, and what no tip reading does."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -21,7 +19,7 @@ from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import FRAMES, ParameterKind, numbered
 from armflex.plan.design import Goal, IOptimal, TOptimal, instead, shows
 from armflex.plan.design_model import CandidateBlock, DesignModel
-from armflex.plan.hypotheses import EffectInQuestion
+from armflex.plan.effects_in_question import EffectInQuestion
 from armflex.plan.instruments import Mounted, declaration, informing_levels
 from armflex.plan.offer import Offer, Reach
 from armflex.result import Result, record
@@ -223,10 +221,8 @@ class Plan(Result):
         notes, words = list(_between(self)), in_dh_words(self.reach.arm.robot)
         for how in dict.fromkeys(direction.instead for direction in self.blind):
             alike = [direction for direction in self.blind if direction.instead == how]
-            names, more = (
-                ", ".join(words.get(direction.name, (direction.name,))[0] for direction in alike[:MOST_NAMES]),
-                len(alike) - MOST_NAMES,
-            )
+            names = ", ".join(words.get(direction.name, (direction.name,))[0] for direction in alike[:MOST_NAMES])
+            more = len(alike) - MOST_NAMES
             names += f", and {more} more" if more > 0 else ""
             most = max(direction.moves for direction in alike) * 1e3
             weight = f"under weight alone each moves the tip by {most:.1g} mm at most; where it matters"

@@ -24,7 +24,14 @@ from armflex.parameters import OF_SESSION
 from armflex.plan.design import DsOptimal, Goal, IOptimal, TOptimal, Truth, exchanged, greedy, path
 from armflex.plan.design_model import Before, DesignModel, answers, known_before, learning, model_of, noises_of
 from armflex.plan.drive import driven
-from armflex.plan.hypotheses import EffectInQuestion, candidate_of, hypothesis_of, named_effect, refitted, spelled
+from armflex.plan.effects_in_question import (
+    EffectInQuestion,
+    candidate_of,
+    hypothesis_of,
+    named_effect,
+    refitted,
+    spelled,
+)
 from armflex.plan.instruments import TRACKER, Mounted, choose, informing_levels, offered
 from armflex.plan.offer import Offer, Reach, around, rows_at, spread_evenly
 from armflex.plan.planned_rows import DISTINGUISHED, UNKNOWN, Plan, blind_spots
@@ -51,14 +58,8 @@ ROUNDS, WIDTH, NARROWER, NEAR = 5, 0.3, 0.6, 20
 """How often rows near the chosen ones are tried, how near [share of the range] at first, how much nearer each time, and
 how many for each."""
 
-PATH_ROWS = 400
-"""Rows of a trajectory that are looked at, evenly, where it has more."""
-
 DRAWS, FURTHER = 8, 3
 """Random choices that a plan is compared with, and how many times as many rows they have."""
-
-SCATTER = 1.5
-"""Noise over the stated one beyond which a plan that relies on it is doubtful."""
 
 
 @checked_kinds
@@ -217,7 +218,7 @@ def _rivals(between: Sequence[str], arm: Arm, settable: tuple[str, ...]) -> list
 def _scattered(before: Before) -> Iterator[Flag]:
     """Yield a flag on each instrument whose readings scatter more than a plan that relies on them may have it."""
     for name, noise in before.noises.items():
-        if noise > SCATTER:
+        if noise > 1.5:  # noise over the stated one beyond which a plan that relies on it is doubtful
             whose = f"readings of {name}" if name else "readings"
             text = f"{whose} scatter {noise:.2g} times as much as stated: something is missing, trace it first"
             yield Flag("unexplained_residual", text)
@@ -301,9 +302,8 @@ def reach_of(
         text = f"sigma is {spread.max():.3g} m, more than {COARSEST:.0%} of the arm's reach of {arm.robot.reach:.3g} m"
         raise InputError(f"{text}: is it in another unit?")
     levels = {name: tuple(float(x) for x in dict.fromkeys(values)) for name, values in covariates.items()}
-    return Reach(
-        arm, lower, upper, tuple(payloads), approached, levels, session, spread, floor, sigmas=before.sigmas
-    ), flags
+    asked = arm, lower, upper, tuple(payloads), approached, levels, session, spread, floor
+    return Reach(*asked, sigmas=before.sigmas), flags
 
 
 def _approached(arm: Arm, effects: Sequence[Effect], covariates: Mapping[str, Sequence[float]]) -> tuple[str, ...]:
@@ -361,7 +361,8 @@ def _goal(
     if along is None:
         return DsOptimal(np.flatnonzero(model.moving))
     # The (P, P) mean over the trajectory of what parameters do to its readings, squared [m^2].
-    thinned = np.unique(np.linspace(0, len(along) - 1, min(len(along), PATH_ROWS)).astype(int))
+    # Rows of a trajectory that are looked at, evenly, where it has more.
+    thinned = np.unique(np.linspace(0, len(along) - 1, min(len(along), 400)).astype(int))
     ordered = along.for_arm(before.setup.arm)
     columns = {name: values[thinned] for name, values in ordered.known.items()}
     rows = rows_at(before.setup.arm, ordered.q[thinned], tuple(along.payload[i] for i in thinned), columns)

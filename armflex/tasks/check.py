@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -51,17 +52,11 @@ FAIL, UNCERTAIN, OK = range(len(VERDICTS))
 HALVES = slice(0, 3), slice(3, 6)
 """The shift of a displacement, and its turn."""
 
-CLOSEST = 1e-6
-"""Fraction of the tolerance below which a peak between samples no longer counts."""
-
 ENDLESS = 1e9
 """Tolerances that an infinite uncertainty counts as."""
 
 ROUNDING = 1e-9
 """Fraction of the tolerance within which points are equally bad: a row is named, not the end of a stretch."""
-
-MOST_RELATIVE = 200
-"""Rows that `relative_sigma_m` is looked for in."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +70,7 @@ class Point:
         rotation_rad: Angle of its rotation [rad], likewise.
         sigma_m: Standard uncertainty of `displacement_m`, of the laws and of what was fitted; infinite where it depends
             on what neither a campaign nor a prior determined, None where nobody states one.
+        tolerance_m: Of its row [m]; between rows it is linear.
         margin_m: Tolerance minus displacement [m].
         margin_rad: Angle tolerance minus rotation, None where no angle is asked for.
         verdict: "ok", "fail" or "uncertain".
@@ -88,6 +84,7 @@ class Point:
     displacement_m: float
     rotation_rad: float
     sigma_m: float | None
+    tolerance_m: float
     margin_m: float
     margin_rad: float | None
     verdict: str
@@ -98,7 +95,7 @@ class Point:
     @property
     def badness(self) -> tuple[int, float]:
         """Sorts worst first: verdict, then the margin of the worse of displacement and rotation, relative."""
-        margins = [self.margin_m / (self.margin_m + self.displacement_m)]
+        margins = [self.margin_m / self.tolerance_m]
         if self.margin_rad is not None:
             margins.append(self.margin_rad / (self.margin_rad + self.rotation_rad))
         return (VERDICTS.index(self.verdict), min(margins))
@@ -110,7 +107,8 @@ class CheckReport(Result):
 
     Attributes:
         ok: Every via-point and every point of the path is ok; uncertain is not ok.
-        tolerance_m, angle_rad: What was asked; `angle_rad` may be None.
+        tolerance_m: Of rows that have none of their own [m]; where nobody gave one the least of the rows'.
+        angle_rad: What was asked, None where nothing was.
         via_points: Worst first.
         segments: Worst point of each stretch between rows, in order.
         path_worst: Worst point anywhere on the path.
@@ -138,12 +136,21 @@ class CheckReport(Result):
     load_factor: float = np.inf
     relative_sigma_m: float | None = None
 
+    @property
+    def asked(self) -> str:
+        """The tolerances that the path is compared with, for people."""
+        least, most = (
+            f(point.tolerance_m for point in self.rows) if self.rows else self.tolerance_m for f in (min, max)
+        )
+        lengths = f"{least * 1e3:g} mm" if least == most else f"{least * 1e3:g} to {most * 1e3:g} mm, by row"
+        return lengths + ("" if self.angle_rad is None else f" and {self.angle_rad * 1e3:g} mrad")
+
 
 @checked_kinds
 def check(
     arm: Arm,
     trajectory: Trajectory | Tabular,
-    tolerance: float,
+    tolerance: float | None = None,
     angle: float | None = None,
     method: str = "exact",
     progress: Progress | None = None,
@@ -158,7 +165,8 @@ def check(
     Args:
         arm: The arm.
         trajectory: Via-points and the rows between them.
-        tolerance: Largest allowed displacement of the tip's origin [m].
+        tolerance: Largest allowed displacement of the tip's origin [m] in rows that have none of their own, see
+            `Trajectory.tolerance`. Between rows it is linear.
         angle: Largest allowed rotation [rad], None to ask for none.
         method: See `Arm.deflection`.
         progress: Called with (rows done, rows in all).
@@ -167,17 +175,20 @@ def check(
             this one, at the rows and between them. So a compensated path is checked.
 
     Raises:
-        InputError: A tolerance is not positive, a covariate is one that no effect depends on, or a row cannot be used
+        InputError: A tolerance is not positive, a row has none and none is given, a covariate is one that no effect
+            depends on, or a row cannot be used
             or is further from the one before than any path goes; the row and time are named, and its place in a file.
             The rows of `against` are others: in number, time or via-point.
         MissingCovariateError: An effect depends on something that was not given.
     """
-    doubts = doubtful_tolerance(tolerance, furthest(arm, *np.array(arm.bounds)), angle)
-    warn(doubts)
+    if (tolerance is not None and not tolerance > 0.0) or (angle is not None and not angle > 0.0):
+        raise InputError(f"tolerance must be positive, got {tolerance} m" + (f", {angle} rad" if angle else ""))
     trajectory = as_trajectory(trajectory, arm)
     against = None if against is None else as_trajectory(against, arm)
-    if not tolerance > 0.0 or (angle is not None and not angle > 0.0):
-        raise InputError(f"tolerance must be positive, got {tolerance} m" + (f", {angle} rad" if angle else ""))
+    allowed = _tolerances(trajectory, tolerance)
+    trajectory, tolerance = replace(trajectory, tolerance=allowed), tolerance or float(allowed.min())
+    doubts = doubtful_tolerance(float(allowed.max()), furthest(arm, *np.array(arm.bounds)), angle)
+    warn(doubts)
     trajectory = trajectory.with_constants(arm, covariates or {})
     trajectory, held = _with_target(arm, trajectory, against)
     derived = (*trajectory.derived_directions(arm), *about_time(arm, trajectory.known, trajectory.time))
@@ -186,7 +197,7 @@ def check(
     certain, count = without_declared_uncertainty(arm), len(trajectory)
 
     def judged(piece: tuple[bool, np.ndarray]) -> tuple[list[Point], _Judge]:
-        (between, rows), judge = piece, _Judge(certain, trajectory, tolerance, angle, method)
+        (between, rows), judge = piece, _Judge(certain, trajectory, angle, method)
         if between:
             return _worst_between(judge, rows), judge
         samples = judge.at(trajectory.points.some(rows), [judge.trajectory.where(i) for i in rows.tolist()])
@@ -212,12 +223,37 @@ def check(
     ok = all(point.verdict == "ok" for point in points)
     held_only = trajectory.target is not None and angle is None and len(arm.joint_names) >= 6  # a pose takes six
     turned = turned_further(*turns.tolist()) if held_only else ()
-    flags = (*doubts, *held, *derived, *met.values(), *turned)
+    sprung = _payload_changes(trajectory, segments)
+    flags = (*doubts, *held, *derived, *met.values(), *turned, *sprung)
     named = [i for i, row in enumerate(rows) if row.name and not row.reason]
     possible = named or [i for i, row in enumerate(rows) if not row.reason]
     relative = _relative(certain, trajectory, np.array(possible, dtype=int), method) if arm.certainty else None
     shown = tuple(vias), tuple(segments)
     return CheckReport(ok, tolerance, angle, *shown, worst, samples, flags, tuple(rows), factor, relative)
+
+
+def _tolerances(trajectory: Trajectory, tolerance: float | None) -> Array:
+    """Return the (N,) tolerances of a path's rows [m]; raise where a row has none and none is given."""
+    given = np.full(len(trajectory), np.nan) if trajectory.tolerance is None else trajectory.tolerance
+    values = np.where(np.isnan(given), np.nan if tolerance is None else tolerance, given)
+    if (without := np.flatnonzero(np.isnan(values))).size:
+        text = "has no tolerance: give one for such rows (--tolerance 5mm, tolerance=0.005) or a column tolerance"
+        raise InputError(f"{trajectory.where(int(without[0]))} {text}")
+    if (wrong := np.flatnonzero(values <= 0.0)).size:
+        raise InputError(f"{trajectory.where(int(wrong[0]))}: tolerance must be positive, got {values[wrong[0]]} m")
+    return values
+
+
+def _payload_changes(trajectory: Trajectory, segments: Sequence[Point]) -> Iterator[Flag]:
+    """Yield a flag where a stretch is not ok only at its end, with what is carried until there."""
+    for i, (before, after) in enumerate(pairwise(trajectory.payload)):
+        point, time = segments[i], float(trajectory.time[i + 1])
+        if before != after and point.verdict != "ok" and point.time == time:
+            text = (
+                f"at {time:g} s the payload changes from {before or 'none'} to {after or 'none'}; until there the path"
+            )
+            text += f" has {before or 'none'}, with which it is {number(point.displacement_m * 1e3, 4)} mm off there"
+            yield Flag("payload_change", text)
 
 
 def _with_target(arm: Arm, trajectory: Trajectory, against: Trajectory | None) -> tuple[Trajectory, tuple[Flag, ...]]:
@@ -239,7 +275,8 @@ def _relative(certain: Arm, trajectory: Trajectory, rows: np.ndarray, method: st
     """Return the largest standard uncertainty [m] at some rows without what only says where base and target stand."""
     if not len(rows):
         return None
-    points = trajectory.points.some(rows[np.unique(np.linspace(0, len(rows) - 1, MOST_RELATIVE).astype(int))])
+    # Rows that `relative_sigma_m` is looked for in.
+    points = trajectory.points.some(rows[np.unique(np.linspace(0, len(rows) - 1, 200).astype(int))])
     deflection = certain.deflection(points.q, points.payload, enforce_limits=False, method=method, **points.asked)
     covariance, _ = flagged_covariance(deflection, relative=True)
     if covariance is None:
@@ -285,7 +322,7 @@ class _Samples(NamedTuple):
     time: [s]. sizes: (M, 2) of the tip's shift [m] and turn [rad]. sigmas: (M, 2) of these, NaN where there is none.
     verdict: (M,) place in `VERDICTS`. cause: (M,) number of a flexure. scores: (M, 3) displacement, and the most and
     least that it may be, as fractions allowed. badness: (M,) smaller where it is worse, among those of one verdict.
-    payload, reason: As of `Point`.
+    payload, reason, tolerance: As of `Point`.
     """
 
     time: Array
@@ -297,14 +334,14 @@ class _Samples(NamedTuple):
     badness: Array
     payload: np.ndarray
     reason: np.ndarray
+    tolerance: Array
 
 
 class _Judge:
     """Evaluates some points and collects what was met on the way; one thread's own."""
 
-    def __init__(self, arm: Arm, trajectory: Trajectory, tolerance: float, angle: float | None, method: str) -> None:
-        self.arm, self.trajectory, self.method = arm, trajectory, method
-        self.tolerance, self.angle = tolerance, angle
+    def __init__(self, arm: Arm, trajectory: Trajectory, angle: float | None, method: str) -> None:
+        self.arm, self.trajectory, self.angle, self.method = arm, trajectory, angle, method
         self.samples, self.load_factor, self.turns = 0, np.inf, (0.0, 0.0)
         self.flags: dict[str, Flag] = {}
 
@@ -404,35 +441,40 @@ class _Judge:
             each = [length_sigma(error[:, half], covariance[:, half, half], near) for half in HALVES]
             sigmas = np.stack(each, axis=1)
         # Of the turn only where an angle is asked for; what has no uncertainty is as it is.
-        limits = np.array([self.tolerance] if self.angle is None else [self.tolerance, self.angle])
-        size, sigma = sizes[:, : len(limits)], np.nan_to_num(sigmas[:, : len(limits)], posinf=np.inf)
+        tolerance = np.asarray(points.tolerance)
+        limits = np.column_stack(
+            [tolerance] if self.angle is None else [tolerance, np.full(len(tolerance), self.angle)]
+        )
+        judged = limits.shape[1]
+        size, sigma = sizes[:, :judged], np.nan_to_num(sigmas[:, :judged], posinf=np.inf)
         half_width = np.minimum(COVERAGE * sigma, ENDLESS * limits)
         margins, possible = limits - size, reason == ""
         verdicts = np.where(np.abs(margins) < half_width, UNCERTAIN, np.where(margins >= 0.0, OK, FAIL))
         verdict = np.where(possible, verdicts.min(axis=1), FAIL)
         most, least = ((size + sign * half_width) / limits for sign in (1.0, -1.0))
-        scores = np.stack([sizes[:, 0] / self.tolerance, most.max(axis=1), least.max(axis=1)], axis=1)
+        scores = np.stack([sizes[:, 0] / tolerance, most.max(axis=1), least.max(axis=1)], axis=1)
         scores[~possible, 1:] = np.maximum(scores[~possible, 1:], 2.0)
         cause = np.zeros(len(sizes), dtype=int)
         if self.arm.flexure_names:
             shares = np.stack([deflection.shares(half) for half in HALVES], axis=1)
             worse = np.argmin(margins / limits, axis=1)
             cause = shares[np.arange(len(shares)), worse].argmax(axis=1)
-        badness = (margins / (margins + size)).min(axis=1)
+        badness = (margins / limits).min(axis=1)
         payload = np.array(points.payload, dtype=object)
-        return _Samples(points.time, sizes, sigmas, verdict, cause, scores, badness, payload, reason)
+        return _Samples(points.time, sizes, sigmas, verdict, cause, scores, badness, payload, reason, tolerance)
 
     def point(self, samples: _Samples, i: int, name: str = "") -> Point:
         """Return one of some points by itself."""
         (shift, turn), sigma = samples.sizes[i].tolist(), float(samples.sigmas[i, 0])
-        names = self.arm.flexure_names
+        names, tolerance = self.arm.flexure_names, float(samples.tolerance[i])
         return Point(
             name,
             float(samples.time[i]),
             shift,
             turn,
             None if np.isnan(sigma) else sigma,
-            self.tolerance - shift,
+            tolerance,
+            tolerance - shift,
             None if self.angle is None else self.angle - turn,
             VERDICTS[samples.verdict[i]],
             names[samples.cause[i]] if names else None,
@@ -482,12 +524,9 @@ def _check_steps(arm: Arm, trajectory: Trajectory) -> None:
     moving, value = arm.robot.moving[joint], trajectory.q[row + 1, joint]
     unit = "m" if moving.kind == "prismatic" else "rad"
     limits = f"limits [{moving.lower:.6g}, {moving.upper:.6g}] {unit}"
-    text = (
-        f"joint {moving.name!r} goes from {trajectory.q[row, joint]:.6g} to {value:.6g} {unit} in one step, more than"
-    )
-    raise InputError(
-        f"{trajectory.where(row + 1)}: {text} {MOST_STEPS * LARGEST_STEP:g} {unit}; {limits}: is the unit right?"
-    )
+    text = f"joint {moving.name!r} goes from {trajectory.q[row, joint]:.6g} to {value:.6g} {unit} in one step"
+    most = f"more than {MOST_STEPS * LARGEST_STEP:g} {unit}"
+    raise InputError(f"{trajectory.where(row + 1)}: {text}, {most}; {limits}: is the unit right?")
 
 
 def _settled(scores: Array) -> np.ndarray:
@@ -498,5 +537,6 @@ def _settled(scores: Array) -> np.ndarray:
     bend = 2.0 * np.maximum(before, after) + 1e-300
     rise = np.maximum(0.5 * bend - np.abs(np.diff(scores, axis=1)), 0.0) ** 2 / (2.0 * bend)
     hidden = (np.maximum(scores[:, 1:], scores[:, :-1]) + rise).max(axis=1) - highest
-    same_verdict = (highest > 1.0) | (highest + hidden <= 1.0) | (hidden < CLOSEST)
+    # Fraction of the tolerance below which a peak between samples no longer counts.
+    same_verdict = (highest > 1.0) | (highest + hidden <= 1.0) | (hidden < 1e-6)
     return same_verdict[:, 1:].all(axis=1) & (hidden[:, 0] <= 0.01 * np.maximum(highest[:, 0], 1.0))

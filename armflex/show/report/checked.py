@@ -1,7 +1,5 @@
 """What the page of a checked path shows: every via-point with its margin, a picture, and what it all rests on."""
 
-from __future__ import annotations
-
 import platform
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -60,8 +58,7 @@ def account(checked: CheckedPath) -> SimpleNamespace:
     frequencies = {(modes_at.name, modes_at.time): modes_at for modes_at in modes}
     settled = {(point.name, point.time): point for point in swing.via_points} if swing else {}
     worst, moves = report.path_worst, "off by" if checked.path.is_moved or "desired path" in checked.files else "moves"
-    asked = f"{report.tolerance_m * 1e3:g} mm"
-    asked += "" if report.angle_rad is None else f" and {report.angle_rad * 1e3:g} mrad"
+    asked = report.asked
     verdict = "within" if report.ok else "NOT within" if worst.verdict == "fail" else "not certain to be within"
     where = f"at {worst.name}" if worst.name else f"between via-points, at {worst.time:g} s"
     cards = (
@@ -70,9 +67,19 @@ def account(checked: CheckedPath) -> SimpleNamespace:
         *_slowest(modes, swing, checked.within),
     )
     angle = report.angle_rad is not None
-    head = ["via-point", "time s", "payload", f"{moves} mm", "margin mm", "turns mrad", *(["margin mrad"] * angle)]
+    by_row = len({point.tolerance_m for point in report.rows}) > 1
+    head = [
+        "via-point",
+        "time s",
+        "payload",
+        f"{moves} mm",
+        *(["allowed mm"] * by_row),
+        "margin mm",
+        "turns mrad",
+        *(["margin mrad"] * angle),
+    ]
     rows = tuple(
-        _row(point, frequencies.get((point.name, point.time)), settled.get((point.name, point.time)))
+        _row(point, by_row, frequencies.get((point.name, point.time)), settled.get((point.name, point.time)))
         for point in points
     )
     flags = dict.fromkeys((*arm.flags, *report.flags, *(swing.flags if swing else ())))
@@ -95,7 +102,7 @@ def account(checked: CheckedPath) -> SimpleNamespace:
         bars=_bars(checked, points),
         head=[*head, "verdict", "cause", "first frequency Hz", "settles in s", "peak mm"],
         points=rows,
-        worst=(_row(worst, None, None)[: len(head) + 2],),
+        worst=(_row(worst, by_row, None, None)[: len(head) + 2],),
         worst_head=[*head, "verdict", "cause"],
         left=left,
         campaign=_rests_on(checked, asked),
@@ -126,13 +133,14 @@ def _swings(checked: CheckedPath) -> tuple[SettlingReport | None, tuple[ModesAt,
         return None, (), f"First frequencies and settling times are not computed: {error}"
 
 
-def _row(point: Point, modes: ModesAt | None, swing: Settling | None) -> tuple[str, ...]:
+def _row(point: Point, by_row: bool, modes: ModesAt | None, swing: Settling | None) -> tuple[str, ...]:
     """Return the cells of a via-point; lengths in mm, angles in mrad."""
     return (
         point.name or "between",
         f"{point.time:g}",
         point.payload,
         millimetres(point.displacement_m, point.sigma_m).removesuffix(" mm"),
+        *([number(point.tolerance_m * 1e3)] if by_row else []),
         number(point.margin_m * 1e3, 3),
         number(point.rotation_rad * 1e3, 3),
         *([] if point.margin_rad is None else [number(point.margin_rad * 1e3, 3)]),
@@ -156,7 +164,8 @@ def _picture(checked: CheckedPath, points: tuple[Point, ...]) -> str:
 
     try:
         here = at(row)
-        tips = np.array([at(i).link_poses(0.0)[arm.robot.tip][:3, 3] for i in _some(path, points)]) @ arm.robot.mount.T
+        rows = np.unique(np.linspace(0, len(path) - 1, 120).astype(int)).tolist()  # enough to show a path
+        tips = np.array([at(i).link_poses(0.0)[arm.robot.tip][:3, 3] for i in rows]) @ arm.robot.mount.T
         named = {point: at(int(np.argmin(np.abs(path.time - point.time)))) for point in points[:MOST]}
     except ArmflexError as error:  # a joint beyond its limit, an arm that buckles
         return f"<p>No picture: {cut(str(error), 200).replace('<', '(').replace('&', '+')}</p>"
@@ -179,11 +188,6 @@ def _picture(checked: CheckedPath, points: tuple[Point, ...]) -> str:
     return inline(figure, "the arm at its worst via-point")
 
 
-def _some(path: Trajectory, points: tuple[Point, ...]) -> list[int]:
-    """Return rows that show a path: some hundred evenly, and every one that is named."""
-    return sorted({*np.linspace(0, len(path) - 1, min(len(path), 120)).astype(int).tolist()})
-
-
 def _chain(deflection: Deflection, factor: float) -> Array:
     """Return (k, 3) origins of the links from base to tip in a level world [m]."""
     robot, poses = deflection.arm.robot, deflection.link_poses(factor)
@@ -199,7 +203,8 @@ def _bars(checked: CheckedPath, points: tuple[Point, ...]) -> str:
     axes.bar(place, finite, width=0.6, color=[COLOURS[point.verdict] for point in shown])
     std = [2e3 * point.sigma_m if point.sigma_m is not None and np.isfinite(point.sigma_m) else 0.0 for point in shown]
     axes.errorbar(place, finite, std, fmt="none", ecolor=INK, linewidth=1.0)
-    axes.axhline(1e3 * checked.report.tolerance_m, color=MUTED, linestyle=DASHED, linewidth=1.0)
+    allowed = [1e3 * point.tolerance_m for point in shown]
+    axes.hlines(allowed, place - 0.5, place + 0.5, color=MUTED, linestyle=DASHED, linewidth=1.0)
     axes.set_xticks(place, [cut(point.name or f"{point.time:g} s", 12) for point in shown],
                     rotation=90 if len(shown) > 12 else 0)  # fmt: skip
     axes.set(ylabel="mm")
@@ -218,9 +223,8 @@ def _rests_on(checked: CheckedPath, asked: str) -> tuple[tuple[str, str], ...]:
         source = "as declared, not calibrated; no uncertainty is stated, so none is in the verdict"
     rows = [(f"File of the {what}", f"{name}{_sha256(name)}") for what, name in checked.files.items()]
     loads = f"payload {listing(dict.fromkeys(path.payload))}"
-    pushed = max(
-        (float(np.max(wrench.sizes[0], initial=0.0)) for wrench in path.wrenches if not wrench.hangs), default=0.0
-    )
+    sizes = (float(np.max(wrench.sizes[0], initial=0.0)) for wrench in path.wrenches if not wrench.hangs)
+    pushed = max(sizes, default=0.0)
     loads += f", loads from outside up to {pushed:.4g} N" if pushed else ", no load from outside"
     effects = listing(effect.title for effect in arm.effects) if arm.effects else "none"
     damping = "0.01, assumed" if arm.damping_ratio is None else f"{arm.damping_ratio:g}"

@@ -1,7 +1,5 @@
 """`export --to sheet`: a controller given the sheet stands where the calibrated arm does, as well as promised."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """States that depend on the rows before: lagged temperatures and play, against closed forms and brute force."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 

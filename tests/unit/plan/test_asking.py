@@ -1,7 +1,5 @@
 """Rows that decide between causes: the bound against brute force, what rows cannot tell, rows in an order."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 
@@ -20,7 +18,7 @@ from armflex.measured.measurements import Measurements
 from armflex.plan.asking import Cause, Question
 from armflex.plan.design import Named, Truth
 from armflex.plan.design_model import Before, known_before
-from armflex.plan.hypotheses import named_effect
+from armflex.plan.effects_in_question import named_effect
 from armflex.plan.next_measurement import misplaced_centres
 from armflex.rows.rows import last_motion
 

@@ -1,7 +1,5 @@
 """What to measure next: the mathematics against brute force, the rows against their limits, the promise kept."""
 
-from __future__ import annotations
-
 import json
 import re
 import warnings
@@ -31,7 +29,7 @@ from armflex.laws.learned import Learning
 from armflex.linear_gaussian import LinearGaussian
 from armflex.plan.design import DsOptimal, Goal, IOptimal, TOptimal, Truth, exchanged, greedy, instead, path, shows
 from armflex.plan.drive import driving_order, motion
-from armflex.plan.hypotheses import named_effect, spelled
+from armflex.plan.effects_in_question import named_effect, spelled
 from armflex.plan.instruments import informing_levels, unlike
 from armflex.plan.picture import draw_plan
 from armflex.plan.planned_rows import Plan

@@ -1,7 +1,5 @@
 """Lengths that change with time are those of an arm that warms up: a temperature is asked for."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from armflex.laws.effects.location import Location

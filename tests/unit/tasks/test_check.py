@@ -1,7 +1,5 @@
 """`check`: verdicts against numbers worked out from `arm.deflection`, and nothing missed between the rows."""
 
-from __future__ import annotations
-
 import re
 import sys
 from collections.abc import Sequence
@@ -15,7 +13,7 @@ from scipy.optimize import minimize_scalar
 from support.small_arms import ROBOTS, one_joint
 
 from armflex import Arm, InputError, Measurements, Payload, Trajectory, check, compensate, load_arm, predict
-from armflex.errors import ExtrapolationError, JointLimitError, NotFiniteError, Place
+from armflex.errors import ExtrapolationError, JointLimitError, NotFiniteError, Place, TableError
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.estimate.tip_uncertainty import tip_covariance
 from armflex.laws import AtNode, LinearLaw
@@ -24,7 +22,7 @@ from armflex.mechanics.deflection import length_sigma
 from armflex.parameters import Certainty
 from armflex.robot import Corrections
 from armflex.tasks.check import Point
-from armflex.trajectory import read_trajectory
+from armflex.trajectory import read_trajectory, write_trajectory
 
 RANK = {"ok": 0, "uncertain": 1, "fail": 2}
 
@@ -516,3 +514,49 @@ def test_the_worst_of_the_path_has_the_name_of_its_row() -> None:
     report = check(arm, read_trajectory(ROBOTS / "palletizer" / "trajectory.csv", arm), tolerance=5e-3)
     assert (report.path_worst.name, report.path_worst.time) == ("place", 4.0)
     assert min(point.badness for point in report.segments) == pytest.approx(report.path_worst.badness, abs=1e-9)
+
+
+def test_every_row_has_the_tolerance_of_its_own_cell(tarm: Arm, tarm_path: Trajectory, tmp_path: Path) -> None:
+    rows = [i for i, name in enumerate(tarm_path.via) if name][:3]
+    short = some_rows(tarm_path, rows)
+    file = write_trajectory(replace(short, tolerance=np.array([0.02, np.nan, 0.3])), tmp_path / "path.csv")
+    file.write_text(
+        file.read_text().replace("tolerance", "tolerance_mm").replace(",0.02", ",20").replace(",0.3", ",300")
+    )
+    path = read_trajectory(file, tarm)
+    assert "tolerance" not in path.covariates
+    report = check(tarm, path, tolerance=0.08)
+    assert [row.tolerance_m for row in report.rows] == pytest.approx([0.02, 0.08, 0.3])
+    assert report.tolerance_m == 0.08
+    assert report.asked == "20 to 300 mm, by row"
+    for row in report.rows:
+        assert row.margin_m == pytest.approx(row.tolerance_m - row.displacement_m, abs=1e-15)
+    later = replace(short, q=short.q[[0, 0]], tolerance=np.array([0.02, 0.06]), **first_two(short))
+    (between,) = check(tarm, later).segments
+    fraction = (between.time - later.time[0]) / (later.time[1] - later.time[0])
+    assert between.tolerance_m == pytest.approx(0.02 + 0.04 * fraction)  # linear between rows
+    assert check(tarm, later).tolerance_m == 0.02
+    with pytest.raises(InputError, match=r"path.csv:3: row 1 .* has no tolerance: give one for such rows"):
+        check(tarm, path)
+    file.write_text(file.read_text().replace(",300", ",-300"))
+    with pytest.raises(TableError, match=r"path.csv:4: tolerance is -0.3 m, expected more than 0"):
+        read_trajectory(file, tarm)
+
+
+def first_two(path: Trajectory) -> dict:
+    return {"time": path.time[:2], "payload": path.payload[:2], "via": path.via[:2], "places": ()}
+
+
+def test_a_stretch_that_fails_at_its_end_alone_says_that_the_payload_changes_there(tmp_path: Path) -> None:
+    arm = one_joint(tmp_path, np.diag([0, 0, 0, 0, 1e-4, 0]), (0.8, 0.0, 0.0), 10.0)
+    arm, q = replace(arm, payloads={"p300": Payload(30.0, np.zeros(3))}), arm.position()
+    path = Trajectory(arm.joint_names, np.array([0.0, 5.0]), np.array([q, q]), ("p300", "none"), ("a", "b"))
+    loaded, free = (float(np.linalg.norm(arm.deflection(q, name).displacement[:3])) for name in ("p300", "none"))
+    report = check(arm, replace(path, tolerance=np.array([9.0 * loaded, 0.5 * (loaded + free)])))
+    assert [row.verdict for row in report.via_points] == ["ok", "ok"]
+    assert (report.path_worst.verdict, report.path_worst.time, report.path_worst.payload) == ("fail", 5.0, "p300")
+    (text,) = [flag.text for flag in report.flags if flag.code == "payload_change"]
+    assert text == (
+        "at 5 s the payload changes from p300 to none; until there the path has p300, with which it is "
+        f"{loaded * 1e3:.4g} mm off there"
+    )

@@ -5,8 +5,6 @@ axis or a partner may be left out where there is only one. The second effect of 
 first ends in #2: gear_harmonic:A2:rz#2.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
@@ -29,9 +27,6 @@ from armflex.plan.offer import Offer
 
 SHOWS = 5.0
 """RMS of what an effect of unknown size is taken to move the readings by, in their standard deviations."""
-
-CLEAR = 2.0
-"""Standard deviations from zero at which an estimate counts as an effect's size."""
 
 
 def spelled(effect: Effect, number: int = 1) -> str:
@@ -122,9 +117,8 @@ def candidate_of(effect: Effect, arm: Arm, offer: Offer) -> CandidateBlock:
         inner = tuple(_usual(inner, effect, offer.view.context) for inner in effect.law.inner)
         effect = replace(effect, values=(*effect.amplitudes, *inner))
     if effect.remembers:
-        text = (
-            f"{effect.title} depends on the rows before: no choice of single rows distinguishes it from another effect"
-        )
+        text = f"{effect.title} depends on the rows before"
+        text += ": no choice of single rows distinguishes it from another effect"
         raise UnsupportedError(text)
     free = free_inner(effect) if sized else ()
     prior = amplitude_prior(effect, free, offer.view, offer.view.context)
@@ -163,7 +157,8 @@ def hypothesis_of(candidate: CandidateBlock, fitted: Fit | None, offer: Offer) -
         return EffectInQuestion(candidate, np.append(effect.acting, inner), "of the arm")
     if fitted is not None:
         values, std = fitted.values[-terms:], np.sqrt(np.diag(fitted.posterior.covariance))[-terms:]
-        if np.linalg.norm(values / std) > CLEAR * np.sqrt(terms):
+        # Standard deviations from zero at which an estimate counts as an effect's size.
+        if np.linalg.norm(values / std) > 2.0 * np.sqrt(terms):
             return EffectInQuestion(candidate, np.append(values, inner), "estimated from what was measured")
     jacobian = answers([candidate], offer.view)[:, :, :terms]
     moved = np.sqrt((jacobian**2).mean(axis=(0, 1)))
