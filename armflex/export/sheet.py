@@ -308,8 +308,8 @@ def uncertainties(
 def _compliances(arm: Arm) -> dict[Key, tuple[float, Array]]:
     """Return the small-load compliance along each compliant axis (6,), and the axis, with the joints at home.
 
-    Effects that are compliances themselves, whatever else is known of a row, have their part in it. Where one gives
-    way that has none at no load, play or hysteresis, a number of the others would be far too stiff: see `_unstated`.
+    Effects that are compliances themselves, whatever else is known of a row, have their part in it. Where one turns
+    that has none at no load, play or hysteresis, a number of the others would be far too stiff: see `_unstated`.
     """
     twists = [effect for effect in arm.effects if effect.law.act is Act.TWIST and not effect.law.changes_model]
     linear = [
