@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from armflex.files.arm_file import make_arm as make_arm
     from armflex.laws.law_file import load_law as load_law
     from armflex.laws.law_file import save_law as save_law
-    from armflex.measured.clock import as_in as as_in
+    from armflex.measured.campaign_clock import as_in as as_in
     from armflex.measured.joint_data import read_joint_data as read_joint_data
     from armflex.measured.measurements import Measurements as Measurements
     from armflex.measured.measurements import read_measurements as read_measurements
@@ -60,7 +60,7 @@ HOMES = {
     "armflex.estimate.tip_uncertainty": "total_covariance",
     "armflex.files.arm_file": "load_arm make_arm",
     "armflex.laws.law_file": "load_law save_law",
-    "armflex.measured.clock": "as_in",
+    "armflex.measured.campaign_clock": "as_in",
     "armflex.measured.joint_data": "read_joint_data",
     "armflex.measured.measurements": "Measurements read_measurements",
     "armflex.mechanics.loaded": "Payload",

@@ -67,9 +67,8 @@ def checked_kinds(function: Callable[P, T]) -> Callable[P, T]:
         if parameter.annotation is not inspect.Parameter.empty and parameter.kind is not inspect.Parameter.VAR_KEYWORD
     }
     order = [parameter.name for parameter in parameters if parameter.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD]
-    each = next(
-        (parameter.annotation for parameter in parameters if parameter.kind is parameter.VAR_KEYWORD), "Any"
-    )  # of **joints: float
+    named = (parameter.annotation for parameter in parameters if parameter.kind is parameter.VAR_KEYWORD)
+    each = next(named, "Any")  # of **joints: float
     others = ast.parse(str(each), mode="eval").body
     declared = {parameter.name for parameter in parameters}
     title = function.__qualname__.removesuffix(".__init__")
@@ -122,9 +121,8 @@ def _holds(value: Any, name: str, parts: list[ast.expr]) -> bool:
     if isinstance(value, Sequence):
         each = [part for part in parts if getattr(part, "value", None) is not ...]
         fixed = name == "tuple" and len(each) == len(parts)
-        return all(_is(item, each[i] if fixed and i < len(each) else each[0]) for i, item in enumerate(value)) and not (
-            fixed and len(value) != len(each)
-        )
+        fits = not fixed or len(value) == len(each)
+        return fits and all(_is(item, each[i if fixed else 0]) for i, item in enumerate(value))
     return True
 
 

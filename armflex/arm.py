@@ -67,7 +67,7 @@ from armflex.readings.instrument import Instrument
 from armflex.readings.sensor import Sensor
 from armflex.robot import Corrections, Robot, Site
 from armflex.robot.urdf import Joint
-from armflex.rows.clock import Period
+from armflex.rows.period import Period
 from armflex.rows.wrench import Wrench
 
 SOME_NEAR = (Flag("near_buckling", f"in some rows {NEAR:g} times the loads would make the arm buckle; see `flags`"),)

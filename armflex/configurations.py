@@ -1,7 +1,5 @@
 """Configurations spread evenly over all that the joints allow, in chunks that depend on nothing but their number."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

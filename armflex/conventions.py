@@ -14,8 +14,6 @@
 9. A covariance is symmetric and positive semidefinite, as far as its digits go; what has no variance is exact.
 """
 
-from __future__ import annotations
-
 import re
 from math import isfinite
 from typing import TYPE_CHECKING, Any

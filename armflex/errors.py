@@ -5,8 +5,6 @@ and, for a name, the nearest valid one. All derive from `ArmflexError`; those th
 from `InputError`, which the command line turns into exit code 2.
 """
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -192,9 +190,8 @@ class MissingCovariateError(InputError):
     def __init__(self, name: str, given: Iterable[str], asker: str = "", remedy: str = "") -> None:
         self.name, self.given = name, tuple(given)
         who = f"effect {asker!r}" if asker else "the arm"
-        hint = did_you_mean(
-            name, [column for column in self.given if ("=" in column) == ("=" in name)]
-        )  # a column or a level
+        alike = [column for column in self.given if ("=" in column) == ("=" in name)]  # a column or a level
+        hint = did_you_mean(name, alike)
         text = f"{who} needs the covariate {name!r}, which is not given{hint} (given: {listing(self.given)})"
         super().__init__(text + remedy)
 

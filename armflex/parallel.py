@@ -4,8 +4,6 @@
 `dask.distributed` cluster; nothing else changes, and neither do the results.
 """
 
-from __future__ import annotations
-
 import signal
 import threading
 import warnings

@@ -4,8 +4,6 @@ A distribution adds one by an entry point of a group, see `GROUPS`. Nothing of i
 its name.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """What long work says while it goes on: how much is done; or which stage it is at, how far in it, and what it has."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace

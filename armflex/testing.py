@@ -5,8 +5,6 @@ it: derivatives that are not those of what they belong to, rows at once that dif
 does not say what was written. No test framework is needed; in a test a check is one line.
 """
 
-from __future__ import annotations
-
 import json
 import tomllib
 import warnings

@@ -227,10 +227,8 @@ class Trajectory(Result):
             # At its end a stretch is at the next row to the last digit.
             return np.where(steps == 1.0, there, values[segments] + steps * (there - values[segments]))
 
-        payload, pulled = (
-            [self.payload[i] for i in segments.tolist()],
-            tuple(wrench.each(part) for wrench in self.wrenches),
-        )
+        payload = [self.payload[i] for i in segments.tolist()]
+        pulled = tuple(wrench.each(part) for wrench in self.wrenches)
         # On the way to a row the joints move as they do when they get there.
         return self.points.each(payload, pulled, part, lambda values: values[segments + 1])
 
@@ -375,9 +373,8 @@ class Trajectory(Result):
         if self.joint_names == arm.joint_names:
             return self
         if sorted(self.joint_names) != sorted(arm.joint_names):
-            raise InputError(
-                f"trajectory of joints {', '.join(self.joint_names)}, the arm has {', '.join(arm.joint_names)}"
-            )
+            ours, theirs = ", ".join(self.joint_names), ", ".join(arm.joint_names)
+            raise InputError(f"trajectory of joints {ours}, the arm has {theirs}")
         order = [self.joint_names.index(name) for name in arm.joint_names]
         given = {"v": self.v, "a": self.a, "target": self.target}
         moved = {name: None if values is None else values[:, order] for name, values in given.items()}

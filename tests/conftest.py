@@ -1,7 +1,5 @@
 """What concerns every test: where fixtures come from, and memory that a worker keeps."""
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import resource

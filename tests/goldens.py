@@ -8,8 +8,6 @@ traces 60 drawn campaigns, `measured` the campaigns of a folder that holds `seal
 why.
 """
 
-from __future__ import annotations
-
 import os
 
 os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")

@@ -27,8 +27,6 @@ N by parts of joint space, and counts how often a name of one half is in the oth
 how many, the mean of it, what the other half gives, the share in its 95 % sets, and in how many numbers agree.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import json

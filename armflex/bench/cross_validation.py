@@ -5,8 +5,6 @@ part of what is held out: `assess` chooses anew inside every fold, so that the e
 choose", not that of the winner on the rows that made it win.
 """
 
-from __future__ import annotations
-
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -21,9 +19,6 @@ from armflex.measured.joint_data import JointData
 
 BAND = 1.96
 """Standard deviations each side of a 95 % band."""
-
-NEGLIGIBLE = 1e-6
-"""Part of what a deflection moves that no bench distinguishes from zero."""
 
 FOLDS, REPEATS = 10, 2
 OUTER = 10
@@ -180,7 +175,8 @@ def race(candidates: Sequence[ModelCandidate], data: JointData, seed: int, folds
 def negligible(deflections: Array) -> Array:
     """Return the (k,) RMS errors below which models of (N, k) deflections are equally good."""
     moved = np.sqrt((deflections**2).mean(axis=0))
-    return NEGLIGIBLE * np.where(moved > 0.0, moved, moved.max())
+    # Part of what a deflection moves that no bench distinguishes from zero.
+    return 1e-6 * np.where(moved > 0.0, moved, moved.max())
 
 
 def chosen(compared: Sequence[ModelScore], least: Array | float = 0.0) -> int:

@@ -57,16 +57,6 @@ far more curved, they do not get around at all, and longer steps diverge now and
 NETWORKS = 200
 """Most networks in a law. Their average is within 1/14 of a posterior deviation of that of all."""
 
-KEPT = 1000
-"""Most draws of a Metropolis chain that are looked at: a random walk's neighbours say the same."""
-
-ADAPT_EVERY = 100
-FIRST_NOISE = 0.1
-PRECISIONS = (1e-2, 1e2)
-
-FLOOR = 0.5
-"""Least curvature along which whitening believes the Hessian; a prior of precision 1 alone gives 1."""
-
 
 @dataclass(frozen=True)
 class NetworkPrior:
@@ -179,7 +169,7 @@ def evident_prior(problem: NetworkProblem, seed: int) -> NetworkPrior:
     On 91 rows with quadratic terms they halved the error variance on new loads that unit precisions gave: a network
     that is nearly linear wants small hidden and large output weights.
     """
-    return NetworkPrior(np.clip(find_modes(problem, STARTS, seed)[0].precisions, *PRECISIONS))
+    return NetworkPrior(np.clip(find_modes(problem, STARTS, seed)[0].precisions, 1e-2, 1e2))
 
 
 def sample(problem: NetworkProblem, sampler: str, seed: int, chains: int, draws: int, prior: NetworkPrior) -> Posterior:
@@ -195,7 +185,7 @@ def sample(problem: NetworkProblem, sampler: str, seed: int, chains: int, draws:
         raise InputError(f"{chains} chains of {draws} draws: expected at least 2 of 4, to compare them")
     judges()  # where the library for it is missing, say so before hours of work
     began, density = time.perf_counter(), Collapsed(problem, prior)
-    noise = np.full(problem.size, FIRST_NOISE)
+    noise = np.full(problem.size, 0.1)
     starts = [density.start(weights, noise) for weights in start_weights(problem, chains, seed)]
     modes = list(in_order(partial(maximum, density, start) for start in starts))
     for walk in WALKS[sampler]:
@@ -248,12 +238,13 @@ def _metropolis_chain(density: Collapsed, mode: Array, draws: int, seed: np.rand
         start,
         2 * draws,
         seed,
-        Adaptation(covariance, after=10 * problem.count, every=ADAPT_EVERY),
+        Adaptation(covariance, after=10 * problem.count, every=100),
         burn_in=draws,
         log_prior=lambda weights: -0.5 * float(precisions @ weights**2),
         noise_prior=(prior.noise_shape, prior.noise_scale),
     )
-    stride = -(-draws // KEPT)
+    # Most draws of a Metropolis chain that are looked at: a random walk's neighbours say the same.
+    stride = -(-draws // 1000)
     return ChainDraws(chain.draws[::stride], np.sqrt(chain.variances[::stride]), None, chain.acceptance)
 
 
@@ -381,4 +372,5 @@ def whitening(density: Collapsed, theta: Array) -> Array:
     moves = step * np.eye(len(theta))
     hessian = np.array([density(theta - move)[1] - density(theta + move)[1] for move in moves]) / (2.0 * step)
     values, vectors = np.linalg.eigh(0.5 * (hessian + hessian.T))
-    return vectors / np.sqrt(np.maximum(np.abs(values), FLOOR))
+    # Least curvature along which whitening believes the Hessian; a prior of precision 1 alone gives 1.
+    return vectors / np.sqrt(np.maximum(np.abs(values), 0.5))

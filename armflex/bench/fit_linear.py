@@ -10,8 +10,6 @@ candidate with the most evidence joins if it beats what random signs of the resi
 (Winkler et al. 2014), and everything is fitted again. What no longer earns its place goes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -32,7 +30,6 @@ STRUCTURES = ("full", "symmetric", "diagonal")
 
 COUPLING = "axis coupling"
 
-FLIPS = 400
 CHANCE = 0.05
 """Share of random signs whose best candidate may be as good as a term that is added."""
 
@@ -236,7 +233,7 @@ def _next(bench: _Bench, terms: list[str], rng: np.random.Generator) -> dict[str
     if not left or count - taken < size + 2:
         return None
     evidence = [bench.worth(terms, name) for name in left]
-    flipped = bench.residual(terms)[:, :, None] * rng.choice([-1.0, 1.0], (count, 1, FLIPS))
+    flipped = bench.residual(terms)[:, :, None] * rng.choice([-1.0, 1.0], (count, 1, 400))
     best = np.max([bench.evidence(terms, name, flipped) for name in left], axis=0)
     chance, first = float(np.quantile(best, 1.0 - CHANCE)), int(np.argmax(evidence))
     if evidence[first] <= max(LEAST, chance):

@@ -3,8 +3,6 @@
 Prior precisions and noise come from the data alone then: MacKay's evidence (1992), by Gauss-Newton matrices.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -36,12 +34,8 @@ from armflex.parallel import in_order
 PRIORS = ("evidence",)
 ITERATIONS, PLAIN_ITERATIONS = 160, 200
 
-PRECISIONS = (1e-6, 1e6)
 NOISES = (1e-6, 1e1)
 """Bounds of what is re-estimated, in scaled units: a group that is not needed, or data without noise, has no other."""
-
-FIRST_NOISE = 0.3
-"""Scaled, well above what it will be: who begins by following every row stays in a poor maximum."""
 
 STEPS = 20
 """Of Levenberg-Marquardt between two re-estimations."""
@@ -137,11 +131,7 @@ class Mode:
 
 
 def find_modes(
-    problem: NetworkProblem,
-    starts: int = 10,
-    seed: int = 0,
-    iterations: int = ITERATIONS,
-    damping: Damping = RELATIVE,
+    problem: NetworkProblem, starts: int = 10, seed: int = 0, iterations: int = ITERATIONS, damping: Damping = RELATIVE
 ) -> tuple[Mode, ...]:
     """Return the posterior's maxima reached from random starts, that of the highest evidence first."""
     begun = start_weights(problem, starts, seed)
@@ -162,7 +152,8 @@ def _find_mode(problem: NetworkProblem, start: Array, iterations: int, damping: 
 
     met: list[Mode] = []
     mu, before, weights = damping.start, -np.inf, start
-    precisions, noise = np.full(len(GROUPS), 0.1), np.full(problem.size, FIRST_NOISE)
+    # Scaled, well above what it will be: who begins by following every row stays in a poor maximum.
+    precisions, noise = np.full(len(GROUPS), 0.1), np.full(problem.size, 0.3)
     for _ in range(0, iterations, STEPS):
         mode, mu = climbed(weights, precisions, noise, mu)
         met.append(mode)
@@ -201,7 +192,7 @@ def _reestimated(problem: NetworkProblem, mode: Mode) -> tuple[Array, Array]:
     count = np.bincount(problem.groups)
     left = np.bincount(problem.groups, np.diag(mode.covariance)) * mode.precisions
     squares = np.bincount(problem.groups, mode.weights**2)
-    precisions = np.clip((count - left) / np.maximum(squares, 1e-300), *PRECISIONS)
+    precisions = np.clip((count - left) / np.maximum(squares, 1e-300), 1e-6, 1e6)
     errors = predictions(problem, mode.weights) - problem.y
     gradient = jacobian(problem, mode.weights)
     used = ((gradient @ mode.covariance) * gradient).sum(axis=(0, 2)) / mode.noise**2

@@ -5,8 +5,6 @@ Sub-joints of the same starting compliance at mirrored places may differ for the
 so factors have a wide prior about one, and its share shows in their uncertainty.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

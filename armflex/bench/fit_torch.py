@@ -29,8 +29,6 @@ STEPS, ROUNDS = 10, 50
 PATIENCE = 5
 """Rounds without a better look after which a start ends."""
 
-LEFT_OUT = 0.25
-
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
@@ -67,7 +65,7 @@ def fit_torch(loads: Array, deflections: Array, make: Callable[[], Any], starts:
     problem, scaling = scaled_problem(loads, deflections, neurons=1)
     x, unloaded = problem.x, -scaling.input_mean / scaling.input_scale
     y = deflections / scaling.output_scale
-    left = np.random.default_rng(seed).permutation(len(x)) < max(2, round(LEFT_OUT * len(x)))
+    left = np.random.default_rng(seed).permutation(len(x)) < max(2, round(0.25 * len(x)))
     trials = []
     for start in range(starts):
         module = _made(make, seed, start, problem.size)

@@ -1,7 +1,5 @@
 """What every learner of a joint takes, loads and deflections, and what it gives: a law, which answers on a bench."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,14 +11,8 @@ from armflex.errors import IdentifiabilityError
 from armflex.laws.law import NOWHERE, Law
 from armflex.sampling.diagnostics import Diagnostics
 
-WORST_CONDITION = 1e6
-"""Of columns of equal length; beyond it some mixture of them is as good as zero on all rows."""
-
 ROUNDING = 1e-15
 """Part of the largest singular value below which a smallest one is none."""
-
-TAKES_PART = 0.1
-"""Share from which a column counts among those of a mixture."""
 
 
 @dataclass(frozen=True)
@@ -80,9 +72,10 @@ def check_determined(columns: Array, names: Sequence[str], problem: str) -> None
     """
     scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     _, values, directions = np.linalg.svd(scaled, full_matrices=False)
-    lost = values * WORST_CONDITION <= values[0]
+    # Of columns of equal length; beyond it some mixture of them is as good as zero on all rows.
+    lost = values * 1e6 <= values[0]
     if lost.any():
-        free = np.abs(directions[lost]).max(axis=0) > TAKES_PART
+        free = np.abs(directions[lost]).max(axis=0) > 0.1  # share from which a column counts among those of a mixture
         left = [name for name, each in zip(names, free, strict=True) if each]
         condition = float(values[0] / values[-1]) if values[-1] > ROUNDING * values[0] else np.inf
         raise IdentifiabilityError(problem, int((~lost).sum()), condition, left)

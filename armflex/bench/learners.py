@@ -1,7 +1,5 @@
 """The joint deformation models that can be learned, by name, each made with its options."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from numbers import Integral

@@ -6,8 +6,6 @@ made of one Gram matrix of its neurons: MINPACK, which factors the whole Jacobia
 network (`tests/benchmarks/network.py`), and 5 to 8 times where the output layer is solved for.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any

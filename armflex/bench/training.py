@@ -38,7 +38,6 @@ from armflex.result import Result, record
 from armflex.sampling.diagnostics import Diagnostics, shortcomings
 from armflex.version import __version__
 
-LEAVE_ONE_OUT_LIMIT = 500
 FOLDS = 10
 
 NETWORKS = ("neural", "bayesian", "torch")
@@ -56,9 +55,6 @@ CHOICE = "the choice anew in every fold"
 
 AGAINST = -0.5
 """Correlation of a deflection with its own load from which a sign counts as turned."""
-
-ASYMMETRY = 3.0
-"""Standard deviations that two entries of a compliance may differ by."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -227,7 +223,7 @@ def _counting(progress: Progress | None, total: int) -> Callable[..., None]:
 def _folds(data: JointData, model: str, options: Options) -> np.ndarray:
     if model == "bayesian" and options.sampler in ("nuts", "metropolis"):
         return random_folds(len(data), CHAIN_FOLDS, options.seed)
-    if len(data) <= (FEW if model in SLOW else LEAVE_ONE_OUT_LIMIT):
+    if len(data) <= (FEW if model in SLOW else 500):
         return np.arange(len(data))
     return random_folds(len(data), FOLDS, options.seed)
 
@@ -296,7 +292,7 @@ def _asymmetry(law: Law) -> str:
     i, j = np.unravel_index(excess.argmax(), excess.shape)
     entry, other = (f"{TWIST_NAMES[a]} per {WRENCH_NAMES[b]} = {compliance[a, b]:.3g}" for a, b in ((i, j), (j, i)))
     text = f"{entry} and {other} differ by {excess[i, j]:.1f} of their standard deviations; Betti has them equal"
-    return text if excess[i, j] >= ASYMMETRY else ""
+    return text if excess[i, j] >= 3.0 else ""  # standard deviations that two entries of a compliance may differ by
 
 
 def _worth(model: str, held: HeldOutFolds, others: Sequence[ModelScore], least: Array) -> tuple[Flag, ...]:

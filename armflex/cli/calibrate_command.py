@@ -1,7 +1,5 @@
 """armflex calibrate: fit what [prior] frees to a campaign."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -25,9 +23,6 @@ from armflex.parameters import ParameterKind
 from armflex.readings import Position
 from armflex.sampling.diagnostics import FEWEST_DRAWS
 from armflex.storage.whole_file import together
-
-SCATTERED = 1.5
-"""Scatter over the stated noise from which an effect is reported missing."""
 
 
 @click.command(cls=options.Command)
@@ -55,9 +50,8 @@ def command(
     """
     arm = options.declared_arm(arm_path, "calibrate", keep, lax)
     if sample and keep:
-        raise InputError(
-            "--sample draws laws that are learned, and --keep keeps them as they are: leave out one of the two"
-        )
+        text = "--sample draws laws that are learned, and --keep keeps them as they are"
+        raise InputError(f"{text}: leave out one of the two")
     if sample and not any(flexure.learn for flexure in arm.flexures):
         raise InputError(f"{arm_path}: no flexure has learn = true: there is no law for --sample")
     measurements = measured(arm)
@@ -70,9 +64,8 @@ def command(
         with progress("sampling") as tick:
             samples = sample_laws(calibration.fit, sample, progress=tick)
     axes: tuple[LearnedAxis, ...] = ()
-    if any(
-        p.kind is ParameterKind.LAW for p in calibration.parameters
-    ):  # else they stay as an earlier campaign taught them
+    # Else they stay as an earlier campaign taught them.
+    if any(parameter.kind is ParameterKind.LAW for parameter in calibration.parameters):
         fitted = {name: law for name, law in learned_laws(calibration.arm).items() if law.posterior is not None}
         axes = learned_axes(calibration.fit, fitted, samples) if fitted else ()
     with together():
@@ -135,7 +128,7 @@ def _remarks(calibration: Calibration) -> Iterator[str]:
     scatters = calibration.fit.scatters
     names = dict.fromkeys(kind.name or "the tracker" for kind in calibration.fit.view.readings.kinds)
     for name, scatter in zip(names, scatters, strict=True):
-        if scatter > SCATTERED:
+        if scatter > 1.5:  # scatter over the stated noise from which an effect is reported missing
             whose = f"The readings of {name}" if len(scatters) > 1 else "The readings"
             text = f"{whose} scatter {scatter:.2g} times as much as stated, and were weighted by that: an effect is "
             yield f"{text}missing, which the fitted parameters may absorb in part. `armflex trace` searches for it."

@@ -1,7 +1,5 @@
 """armflex check: a trajectory against a tolerance."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """armflex compensate: joint positions that cancel the sag."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

@@ -1,7 +1,5 @@
 """armflex deflect: one configuration, everything about it."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import click

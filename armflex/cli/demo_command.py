@@ -1,7 +1,5 @@
 """armflex demo: the whole of it on the bundled arm, in the order one would do it."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """armflex export: the arm as other programs read it."""
 
-from __future__ import annotations
-
 import importlib
 import inspect
 from collections.abc import Callable

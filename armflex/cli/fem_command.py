@@ -1,7 +1,5 @@
 """armflex fem: a mesh into a part that an arm can name, or into a table of loads and deflections."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

@@ -1,7 +1,5 @@
 """armflex history: one machine over several calibrations."""
 
-from __future__ import annotations
-
 import os
 from datetime import date
 from pathlib import Path
@@ -67,9 +65,8 @@ def command(paths: tuple[Path, ...], dates: str | None, output: Path | None) -> 
     if rows:
         print_table("What changed", ["parameter", "how", "when", "by", "± std", "unit"], rows)
     else:
-        say(
-            f"Nothing changed beyond its uncertainty: {len(courses.courses)} parameters over {len(paths)} calibrations."
-        )
+        over = f"{len(courses.courses)} parameters over {len(paths)} calibrations"
+        say(f"Nothing changed beyond its uncertainty: {over}.")
     last = np.argsort(courses.dates)[-2:].tolist()
     for course, step, std in courses.between(*last) if len(paths) > 2 else ():
         text = f"{number(step, 3)} ± {number(std, 2)} {course.parameter.unit}"

@@ -1,7 +1,5 @@
 """armflex intake: files as people have them into a campaign."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

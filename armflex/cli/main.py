@@ -3,8 +3,6 @@
 0: fine. 1: a checked thing failed (a tolerance, a path, an equilibrium). 2: bad input.
 """
 
-from __future__ import annotations
-
 import importlib
 import io
 import os

@@ -1,7 +1,5 @@
 """armflex map: how far the tip moves, wherever it can be."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

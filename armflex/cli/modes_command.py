@@ -1,7 +1,5 @@
 """armflex modes: how a loaded arm swings at one configuration, its drives holding."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -49,9 +47,8 @@ def command(
     if trajectory_path is not None:
         given = [name for name in ("positions", "forces", "drawing") if click.get_current_context().params.get(name)]
         if given:
-            raise InputError(
-                "--traj brings its own positions and loads, and draws none: leave --q, --force, --picture out"
-            )
+            text = "--traj brings its own positions and loads, and draws none"
+            raise InputError(f"{text}: leave --q, --force, --picture out")
         _along(arm, trajectory_path, payload, covariates, count)
         return
     if drawing is not None:

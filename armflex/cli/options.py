@@ -23,7 +23,7 @@ from armflex.declaration import DEEP, MAX_BYTES
 from armflex.errors import Flag, InputError, UnknownNameError, did_you_mean, listing
 from armflex.files.arm_file import ROBOTS, load_arm
 from armflex.laws.effects.in_arm import about_time, settled_covariates
-from armflex.measured.clock import as_in
+from armflex.measured.campaign_clock import as_in
 from armflex.measured.forces import FORCE_AXES, FORCE_KINDS, UNLOADED, Unnamed, read_force_table
 from armflex.measured.joined import joined
 from armflex.measured.measurements import Measurements, read_measurements
@@ -355,9 +355,8 @@ def taken_in(
     from armflex.intake import intake  # imports scipy
 
     pairs = [assignment.rpartition("=") for assignment in take]
-    if wrong := next(
-        (assignment for assignment, pair in zip(take, pairs, strict=True) if not pair[0] or not pair[2]), None
-    ):
+    wrong = next((text for text, pair in zip(take, pairs, strict=True) if not pair[0] or not pair[2]), None)
+    if wrong:
         raise InputError(f"--take {wrong}: expected COLUMN=MEANING")
     asked = {column: meaning for column, _, meaning in pairs}
 
@@ -401,9 +400,8 @@ def campaign(function: Callable[..., Any]) -> Callable[..., Any]:
             unnamed = unnamed_loads(arm, payload, force_text)
             if as_they_are:
                 taken = taken_in(paths, sigma, take, targets, joints=joints, sigma_r=sigma_r)
-                if missing := [
-                    line for line in taken.declare.splitlines() if line[0] == "[" and line[12:-1] not in arm.sensors
-                ]:
+                heads = [line for line in taken.declare.splitlines() if line[0] == "["]
+                if missing := [line for line in heads if line[12:-1] not in arm.sensors]:
                     text = taken.declare.replace("TIP", arm.robot.tip)
                     raise InputError(f"{missing[0]} is not in the arm file, for the further target:\n{text}")
                 return read_measurements(taken.table, arm, unnamed=unnamed)

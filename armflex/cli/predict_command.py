@@ -1,7 +1,5 @@
 """armflex predict: where the tip will be, for every row of a table."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

@@ -1,7 +1,5 @@
 """armflex prior: what sister arms have in common, as the prior of the next one."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """armflex rehearse: what poses and instruments could show, before anybody drives them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

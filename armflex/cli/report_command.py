@@ -1,7 +1,5 @@
 """armflex report: a campaign as a page, after a standard."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

@@ -1,7 +1,5 @@
 """armflex schema: what an arm.toml and the files of --json hold, for editors and programs."""
 
-from __future__ import annotations
-
 import json
 
 import click

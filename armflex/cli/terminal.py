@@ -1,7 +1,5 @@
 """The one way to the terminal: every text arrives as it is, none as markup, and none moves the cursor."""
 
-from __future__ import annotations
-
 import logging
 import os
 import sys
@@ -26,18 +24,9 @@ from armflex.conventions import number as number
 from armflex.conventions import printable
 from armflex.errors import Flag
 
-ENDLESS = 100_000
-"""Columns that no table has."""
-
-NARROWEST = 130
-"""Columns to lay out for where the output is no terminal."""
-
 EVERY, REDRAWN = 2.0, 0.5
 """Seconds of silence after which a line goes into a pipe (later a tenth of the time that passed), and between two looks
 of the live line in a terminal."""
-
-BETWEEN = 3
-"""Columns between those of a table; its edges take one each, too."""
 
 MOST_ALIKE = 3
 """Flags of one code that are printed, where there are more."""
@@ -73,7 +62,8 @@ def stream(stderr: bool = False) -> Console:
     """
     plain = partial(_Stream, stderr=stderr or _now["result"], markup=False, emoji=False, highlight=False)
     out = plain()
-    return out if out.is_terminal or os.environ.get("COLUMNS", "").isdecimal() else plain(width=NARROWEST)
+    # Columns to lay out for where the output is no terminal.
+    return out if out.is_terminal or os.environ.get("COLUMNS", "").isdecimal() else plain(width=130)
 
 
 def result_on_stdout() -> None:
@@ -143,7 +133,8 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[obje
     least = [max(map(cell_len, " ".join(column).split()), default=0) for column in cells]
     parts: list[list[int]] = [[0]]
     for i in range(1, len(columns)):
-        width = sum(least[j] + BETWEEN for j in (*parts[-1], i)) - 1
+        # Columns between those of a table; its edges take one each, too.
+        width = sum(least[j] + 3 for j in (*parts[-1], i)) - 1
         if width > out.width and len(parts[-1]) > 1:
             parts.append([0])
         parts[-1].append(i)
@@ -163,7 +154,8 @@ def _print_part(out: Console, title: str, cells: Sequence[Sequence[str]], rows: 
     # rich would rather break a word than be wider.
     whole = [max(map(cell_len, column)) for column in cells]
     least = [max(map(cell_len, " ".join(column).split()), default=0) for column in cells]
-    rules = out.measure(table, options=out.options.update(max_width=ENDLESS)).maximum - sum(whole)
+    # Columns that no table has.
+    rules = out.measure(table, options=out.options.update(max_width=100_000)).maximum - sum(whole)
     free = max(out.width - rules - sum(least), 0)
     for column, narrow, wide in zip(table.columns, least, whole, strict=True):
         column.width = min(wide, narrow + free)

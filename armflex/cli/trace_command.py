@@ -1,7 +1,5 @@
 """armflex trace: find the effect that explains what calibration leaves, and add it."""
 
-from __future__ import annotations
-
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping

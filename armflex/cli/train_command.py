@@ -1,7 +1,5 @@
 """armflex train: a joint's table into a law."""
 
-from __future__ import annotations
-
 import runpy
 import traceback
 from collections.abc import Callable

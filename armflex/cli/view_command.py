@@ -1,7 +1,5 @@
 """armflex view: a page of the arm."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

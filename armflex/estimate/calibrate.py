@@ -46,7 +46,7 @@ from armflex.laws.effects.effect import Act
 from armflex.laws.effects.in_arm import about_time, derived_directions, without_direction
 from armflex.laws.law import anywhere
 from armflex.laws.learned import Seen
-from armflex.measured.clock import on_its_clock
+from armflex.measured.campaign_clock import on_its_clock
 from armflex.measured.data_flags import check_joint_units
 from armflex.measured.joined import as_campaign
 from armflex.measured.measurements import Measurements

@@ -36,9 +36,9 @@ from armflex.export.rigid import (
 )
 from armflex.files.dh_table import first_row
 from armflex.laws import Row
-from armflex.laws.effects.effect import Act
+from armflex.laws.effects.effect import Act, Effect
 from armflex.laws.effects.in_arm import BoundTwist
-from armflex.laws.effects.location import resolve
+from armflex.laws.effects.location import BASE, LINK, resolve
 from armflex.measured.measurements import read_measurements
 from armflex.measured.table import csv_text
 from armflex.parameters import ParameterKind, fitted_group
@@ -104,6 +104,13 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
     splits = [choose(frame) for frame in joint_frames(replace(arm, corrections=Corrections()), zeros=False)[1:-1]]
     values = numbers(Setup(arm, arm.instrument or Instrument()), splits)
     std, warnings = uncertainties(arm, splits, values)
+    if plays := _unstated(arm):
+        text = f"No stiffness is stated where {listing(effect.title for effect in plays)} gives: that is no constant."
+        warnings = (*warnings, text)
+    if vague := [key for key in values if key.section == "stiffness" and std.get(key, 0.0) > values[key]]:
+        text = "is more uncertain than it is large, and not stated"
+        warnings = (*warnings, *(f"The stiffness of {key.of} {key.quantity} {text}." for key in vague))
+        values = {key: value for key, value in values.items() if key not in vague}
     notes, lost = left_out(whole, rows)
     chain = [joint.name for joint in arm.robot.swept]
     parallel = [chain[i : i + 2] for i, split in enumerate(splits) if split.hayati]
@@ -301,7 +308,8 @@ def uncertainties(
 def _compliances(arm: Arm) -> dict[Key, tuple[float, Array]]:
     """Return the small-load compliance along each compliant axis (6,), and the axis, with the joints at home.
 
-    Effects that are compliances themselves, whatever else is known of a row, have their part in it.
+    Effects that are compliances themselves, whatever else is known of a row, have their part in it. Where one turns
+    that has none at no load, play or hysteresis, a number of the others would be far too stiff: see `_unstated`.
     """
     twists = [effect for effect in arm.effects if effect.law.act is Act.TWIST and not effect.law.changes_model]
     linear = [
@@ -311,6 +319,7 @@ def _compliances(arm: Arm) -> dict[Key, tuple[float, Array]]:
     ]
     usable = tuple(effect for effect in linear if not needs_columns(arm, effect))
     joints, compliances = {joint.name: joint for joint in arm.robot.moving}, {}
+    unstated = [effect.location for effect in _unstated(arm)]
     for flexure in replace(arm, effects=usable).modelled:
         tangent = flexure.law.tangent(np.zeros(6), Row(arm.robot.home, arm.joint_index))
         axes = dict(zip(TWIST_NAMES, np.eye(6), strict=True))
@@ -319,11 +328,26 @@ def _compliances(arm: Arm) -> dict[Key, tuple[float, Array]]:
             others = {name: axis for name, axis in axes.items() if not np.array_equal(axis, np.abs(drive))}
             axes = {"drive": drive, **others}
         for name, axis in axes.items():
-            compliance = float(axis @ tangent @ axis)
-            if compliance > 0.0:
+            compliance, site = float(axis @ tangent @ axis), f"{LINK * flexure.before}{flexure.joint or BASE}"
+            there = (place.axis for place in unstated if place.site == site)
+            if compliance > 0.0 and not any(at is None or axis[TWIST_NAMES.index(at)] for at in there):
                 unit = "Nm/rad" if axis[3:].any() else "N/m"
                 compliances[Key("stiffness", flexure.name, name, unit)] = compliance, axis
     return compliances
+
+
+def _unstated(arm: Arm) -> list[Effect]:
+    """Return the effects with a name by which something gives under a load, but has no compliance at no load."""
+    effects = [effect for effect in arm.effects if effect.law.act is Act.TWIST and effect.law.physical]
+    plays = [effect for effect in effects if effect.law.of_load(effect.location) and not effect.law.changes_model]
+    bound = [BoundTwist(effect, resolve(effect.location, arm.robot, arm.flexures)) for effect in plays]
+    at_home = Row(arm.robot.home, arm.joint_index)
+    return [
+        twist.effect
+        for twist in bound
+        if twist.law.remembers_load(twist.effect.location)
+        or not (needs_columns(arm, twist.effect) or twist.tangent(np.zeros(6), at_home).any())
+    ]
 
 
 def _table(values: Mapping[Key, float], std: Mapping[Key, float]) -> str:

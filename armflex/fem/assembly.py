@@ -5,8 +5,6 @@ C3D10, 27 in a C3D20, eight in a C3D20R and a C3D8. scikit-fem's own forms loop 
 20-node brick has a trilinear geometry; so the sum over points is a matrix product here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -4,8 +4,6 @@ meshio reads the elements, not the sets, properties and materials; so the cards 
 fields. What is neither read nor known not to change a model of solids is refused by name.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -117,9 +115,8 @@ def read_bdf(path: Path, unit: str = "m") -> Mesh:
             number, part = draft.whole(line, [cells[0], cells[1] or cells[0]], 2)
             corners = draft.whole(line, cells[2 : 2 + FLAT.get(word, 20)])  # of faces thickness and angle come after
             if (kind := KINDS[word].get(len(corners)) if word in KINDS else word) is None:
-                draft.fail(
-                    f"{word} {number} has {len(corners)} nodes, expected {' or '.join(map(str, KINDS[word]))}", line
-                )
+                expected = " or ".join(map(str, KINDS[word]))
+                draft.fail(f"{word} {number} has {len(corners)} nodes, expected {expected}", line)
             draft.element(number, number, kind, [corners[i] for i in UPWARD] if kind == "C3D20" else corners, line)
             draft.groups.setdefault(f"{'PID' if word in FLAT else 'PSOLID'}{part}", []).append(number)
         elif word in ("PSOLID", "PSHELL", "PCOMP"):

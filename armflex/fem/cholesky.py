@@ -8,8 +8,6 @@ A. George, "Nested dissection of a regular finite element mesh", SIAM J. Numer. 
 J. K. Reid, "The multifrontal solution of indefinite sparse symmetric linear equations", ACM TOMS 9 (1983).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Static condensation of a mesh onto its interfaces (Guyan 1965): stiffness, mass, weight, natural frequencies."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -23,9 +21,6 @@ MODES = 6
 
 DENSE = 500
 """Unknowns whose frequencies are found from dense matrices."""
-
-ACCURATE = 1e-6
-"""Share of a load that the solution may leave: more of it means that something is free to move."""
 
 Tick = Callable[[str, int, int | None], None]
 
@@ -79,7 +74,8 @@ def condense(
     loads, size = np.hstack([entry.toarray(), reduced.T @ moved]), 6 * len(loaded)
     moves = solver.solve(loads)
     left = np.linalg.norm(stiffness @ moves - loads, axis=0)
-    if not np.isfinite(moves).all() or (left > ACCURATE * np.linalg.norm(loads, axis=0).clip(1e-300)).any():
+    # Share of a load that the solution may leave: more of it means that something is free to move.
+    if not np.isfinite(moves).all() or (left > 1e-6 * np.linalg.norm(loads, axis=0).clip(1e-300)).any():
         text = f"is free to move though {fixed!r} is held: parts that share an edge or a node alone are hinged"
         raise mesh.fail(text)
     compliance = entry.T @ moves[:, :size]

@@ -4,8 +4,6 @@ A small reader of our own: meshio's drops sections, surfaces, instances and line
 known to be harmless is refused by name, or kept for CalculiX.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from pathlib import Path

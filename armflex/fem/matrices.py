@@ -1,7 +1,5 @@
 """Finished matrices instead of elements: CalculiX's .sti and .mas, Abaqus' and Matrix Market's .mtx, Craig-Bampton."""
 
-from __future__ import annotations
-
 import csv
 import re
 from collections.abc import Callable, Iterator
@@ -86,10 +84,8 @@ def read_matrices(path: Path, unit: str = "m") -> Matrices:
         mesh, heavy = read_inp(path.with_suffix(".inp"), unit, springs=True), path.with_suffix(".mas")
     elif abaqus and not listed.exists():
         job_name = path.stem[: len(job)]
-        mesh, heavy = (
-            read_inp(path.with_name(f"{job_name}.inp"), unit, True),
-            path.with_name(f"{job_name}_MASS{number}.mtx"),
-        )
+        mesh = read_inp(path.with_name(f"{job_name}.inp"), unit, True)
+        heavy = path.with_name(f"{job_name}_MASS{number}.mtx")
     else:
         mesh = _nodes(listed, unit)
     files = [path, heavy] if heavy.exists() or path.suffix.lower() == ".sti" else [path]

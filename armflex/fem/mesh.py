@@ -1,7 +1,5 @@
 """A mesh as its file has it, in SI: nodes, solids, named sets, materials; and what is wrong with it, by line."""
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -271,9 +269,8 @@ class Draft:
             for key in keys:
                 if self.materials[before := made.setdefault(key, material)] != self.materials[material]:
                     number = self.elements[key][0]
-                    self.fail(
-                        f"element {number} is in two sections, of the materials {before!r} and {material!r}", line
-                    )
+                    both = f"of the materials {before!r} and {material!r}"
+                    self.fail(f"element {number} is in two sections, {both}", line)
         sorts: dict[tuple[str, str], list[tuple[int, list[int], int]]] = {}
         for key, (number, kind, nodes, line) in self.elements.items():
             if missing := [node for node in nodes if node not in rows]:
@@ -334,10 +331,8 @@ def with_material(mesh: Mesh, young: float | None, poisson: float | None, densit
     given = {"young": young, "poisson": poisson, "density": density}
     given = {name: value for name, value in given.items() if value is not None}
     for block in mesh.blocks:
-        material, named = (
-            block.material,
-            f"the {len(block.ids)} {block.kind}" + f" of {block.name!r}" * bool(block.name),
-        )
+        material = block.material
+        named = f"the {len(block.ids)} {block.kind}" + f" of {block.name!r}" * bool(block.name)
         if material is None and not {"young", "poisson"} <= given.keys():
             raise mesh.fail(f"{named} have no material: give --young and --poisson", block.lines[0])
         if material is not None and (

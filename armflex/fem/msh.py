@@ -3,8 +3,6 @@
 Text is read here: meshio drops numbers and lines, and what a section has beyond its count.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import replace
@@ -26,10 +24,7 @@ TYPES = (
 )
 """gmsh's number of a type -> meshio's name."""
 
-ORDERS = {
-    "C3D10": [*range(8), 9, 8],
-    "C3D20": [*range(9), 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15],
-}
+ORDERS = {"C3D10": [*range(8), 9, 8], "C3D20": [*range(9), 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15]}
 """Type -> places of its nodes in gmsh's order."""
 
 READ = ("MeshFormat", "PhysicalNames", "Entities", "Nodes", "Elements")

@@ -1,7 +1,5 @@
 """A condensed part: how a meshed structure gives, weighs and vibrates at its interfaces; its file, PART.toml."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass

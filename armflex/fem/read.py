@@ -1,7 +1,5 @@
 """One reader for every kind of mesh file."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 

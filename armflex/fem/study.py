@@ -4,8 +4,6 @@ Where CalculiX is installed it solves every load with large displacements, and w
 (springs, contacts, plasticity); a linear mesh is condensed where it is not.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -88,13 +88,7 @@ LEVEL = 1e-3
 
 
 @checked_kinds
-def load_arm(
-    path: str | Path,
-    *,
-    preset: str | None = None,
-    tip: str | None = None,
-    strict: bool = True,
-) -> Arm:
+def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = None, strict: bool = True) -> Arm:
     """Read an arm.toml and the URDF it names.
 
     Args:

@@ -5,8 +5,6 @@
 second on have their number before the parameter, in the order of the file: 'effect gear_harmonic A2 rz #2 k'.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -43,7 +41,7 @@ from armflex.parameters import (
 )
 from armflex.readings.instrument import Instrument, frame_of, motion_of
 from armflex.robot import Corrections
-from armflex.rows.clock import Period
+from armflex.rows.period import Period
 from armflex.storage.array_file import Layout, read_arrays, write_arrays
 from armflex.storage.schema import Numbers
 

@@ -8,8 +8,6 @@ with the joint's position added to theta, or to d where it slides; beta is Hayat
 rows that `armflex export --to sheet` writes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

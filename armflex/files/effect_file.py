@@ -7,8 +7,6 @@ Where a law makes sense on an arm is asked of the law itself: it lists its locat
 and a table must name one of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any

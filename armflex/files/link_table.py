@@ -6,8 +6,6 @@ of a mass m_e, whose place follows from its moments (half the mass, a sixth of t
 The condensed mass differs from that of the two bodies; `modes` adds the difference.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -26,12 +24,6 @@ from armflex.robot.urdf import Inertial, Joint, Link
 
 MOST = 0.999
 """Share of a link's mass that its end has at most."""
-
-HEAVIER = 0.02
-"""Share by which the masses of a link in the robot's file and in its mesh may differ without a flag."""
-
-NOTICED = 1e-3
-"""Distance [m] between the end of a mesh and its joint from which on it is said."""
 
 AT_ROOT = 0.01
 """Share of a link's length within which a pin is at its root: the share of the link whose bending it may misplace."""
@@ -63,7 +55,7 @@ def read_link(name: str, table: Declaration, robot: Robot) -> tuple[Robot, Flexu
         text += f" {joint.name!r} at {np.round(joint.origin, 4).tolist()}"
         raise table.fail("file", f"{text}: say with xyz and rpy where the mesh is, or mesh the link up to the joint")
     inertial, mass, flags = robot.urdf.links[name].inertial, float(np.trace(part.weight[:3])) / 3.0, []
-    if apart > NOTICED:
+    if apart > 1e-3:
         text = f"the mesh of link {name!r} ends {apart * 1e3:.3g} mm from joint {joint.name!r}, and the gap is taken as"
         flags.append(Flag("mesh_gap", f"{text} rigid: move the mesh with xyz and rpy, or mesh the link to the joint"))
     placed = pin.SE3(joint.rotation, joint.origin)
@@ -74,7 +66,8 @@ def read_link(name: str, table: Declaration, robot: Robot) -> tuple[Robot, Flexu
         text = f"link {name!r} does not bend under its own weight: its part or its link has no mass"
         flags.append(Flag("weightless", text))
         return _ended(robot, joint, inertial, None), Flexure(name, f"{name}:end", law), tuple(flags)
-    if abs(inertial.mass - part.mass) > HEAVIER * part.mass:
+    # Share by which the masses of a link in the robot's file and in its mesh may differ without a flag.
+    if abs(inertial.mass - part.mass) > 0.02 * part.mass:
         text = f"link {name!r} weighs {inertial.mass:g} kg in {robot.urdf.path.name} and {part.mass:g} kg in its mesh"
         flags.append(Flag("link_mass", f"{text}: the former counts, distributed as the latter"))
     moments = part.weight[3:] / mass  # of a body at r the matrix of r x, whose skew part r is read from

@@ -1,7 +1,5 @@
 """[joint.NAME], [[loop]] and [cylinder.NAME]: what makes a mechanism of a tree of links."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations

@@ -1,7 +1,5 @@
 """[requires] in an arm.toml: distributions whose effects, laws and readings it needs, each with a version."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """[instrument.NAME] in an arm.toml: an instrument beside the one at the tip."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from armflex.conventions import SMALLEST_STD

@@ -1,7 +1,5 @@
 """[spring.NAME]: a spring between points of two links, linear or of gas."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from armflex.conventions import Array

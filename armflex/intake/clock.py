@@ -10,15 +10,21 @@ from datetime import UTC, datetime
 import numpy as np
 
 from armflex.conventions import Array
+from armflex.errors import shown
 from armflex.intake.meanings import BY_SIZE, EITHER, TIME_UNITS, UNTIL, Meaning
 from armflex.intake.sources import SourceTable, numbers
 from armflex.intake.streams import DENSE, SLOWEST, is_sampled, spread
 
 CLOCK = re.compile(
-    r"(?:(\d{1,4})([./-])(\d{1,2})[./-](\d{2,4}))?[ T,]*(\d{1,2}):(\d\d)(?::(\d\d(?:[.,:]\d+)?))?\s*([ap]m)?\D*",
+    r"(?:(\d{1,4})([./-])(\d{1,2})[./-](\d{2,4}))?[ T,]*(\d{1,2}):(\d{1,2})(?::(\d{1,2}(?:[.,]\d+|:\d{3,})?))?"
+    r"\s*([ap]m)?\D*",
     re.IGNORECASE,
 )
-"""A clock's time, after a day or without one."""
+"""A clock's time, after a day or without one; two digits after a third colon are frames, and not said is how many are a
+second."""
+
+STOPWATCH = re.compile(r"(\d+):(\d{1,2}[.,]\d+)")
+"""Minutes and seconds."""
 
 LONGEST = 7.0 * 86400.0
 """Tolerance: no recording lasts longer [s]."""
@@ -54,6 +60,16 @@ def times(source: SourceTable, meant: Sequence[Meaning]) -> Array | None:
     if seconds.max() < 86400.0:  # a clock without a day, past midnight
         seconds += 86400.0 * np.cumsum(np.diff(seconds, prepend=seconds[:1]) < -43200.0)
     return seconds
+
+
+def unread(source: SourceTable, meant: Sequence[Meaning]) -> str:
+    """Return which column of times has what is none that is known, and such a cell; '' where there is none."""
+    of_name = {one.name: (one, cells) for one, cells in zip(meant, source.columns, strict=True) if one.kind == "time"}
+    if "time" not in of_name or times(source, meant) is not None:
+        return ""
+    meaning, cells = of_name["time"]
+    cell = next((str(cell) for cell in cells if _seconds(str(cell)) is None), str(cells[0]))
+    return f"{meaning.column!r} has {shown(cell, 30)}, which is no time that is known"
 
 
 def counted(source: SourceTable, meant: Sequence[Meaning], moved: Array, unit: str) -> tuple[Meaning, ...]:
@@ -134,6 +150,8 @@ def _seconds(text: str) -> float | None:
         return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
     except ValueError:
         match = CLOCK.fullmatch(text)
+    if ran := STOPWATCH.fullmatch(text):
+        return 60.0 * int(ran[1]) + float(ran[2].replace(",", "."))
     if match is None:
         return None
     first, mark, second, third, hours, minutes, seconds, half = match.groups()

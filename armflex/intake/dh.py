@@ -19,8 +19,8 @@ from armflex.measured.points import LENGTHS
 PARAMETERS = {
     "theta": r"(?:theta|θ|th|ϑ)(?:_?\(?i\)?)?",
     "d": r"d(?:_?\(?i\)?)?",
-    "a": r"(?:a|r)(?:_?\(?i(?: ?- ?1)?\)?)?",
-    "alpha": r"(?:alpha|α|al)(?:_?\(?i(?: ?- ?1)?\)?)?",
+    "a": r"(?:a|r)(?:[_ ]?\(?i(?: ?- ?1)?\)?)?",
+    "alpha": r"(?:alpha|α|al)(?:[_ ]?\(?i(?: ?- ?1)?\)?)?",
     "beta": r"(?:beta|β)(?:_?\(?i(?: ?- ?1)?\)?)?",
     "offset": r"(?:(?:theta|θ|th|ϑ|q|joint)?[ _]?off(?:set)?(?:_?i)?)",
     "home": r"(?:(?:theta|θ|th|ϑ|q)[ _]?(?:0|home)|home|zero)(?: ?(?:position|angle))?",
@@ -60,8 +60,14 @@ CELLS = [
 ]
 """A number, also of pi; a joint's variable; and both: q2-90, -pi/2."""
 
-BEFORE = re.compile(r"(?:alpha|α|a)_?\(?i ?- ?1\)?")
+BEFORE = re.compile(r"(?:alpha|α|a)[_ ]?\(?i ?- ?1\)?")
 """How a column is called of a row in Craig's, the modified form: it belongs to the link before."""
+
+FORMS = {
+    "modified": re.compile(r"\b(?:modifi\w*|craig|proximal|khalil\w*|mdh)\b", re.IGNORECASE),
+    "standard": re.compile(r"\b(?:standard|distal|classic(?:al)?|paul|sdh)\b", re.IGNORECASE),
+}
+"""What a title or a comment says of the form of a table."""
 
 UPRIGHT = "gravity = [0.0, 0.0, -9.81]     # m/s^2: the base stands upright"
 
@@ -153,9 +159,10 @@ def read_dh(source: SourceTable, form: str | None, ask: Ask | None, unused: Coll
         at, unit = column_of[name]
         length, why = name in "da", "its header"
         units, alike = (LENGTHS if length else ANGLE_UNITS), [part for part in parts if (part in "da") == length]
-        largest = max(float(np.abs(parts[part]).max()) for part in alike)
-        if written[name] or (not unit and any(written[part] for part in alike)):
-            if unit not in ("", "rad") or (not unit and largest > RIGHT):
+        open_ = [part for part in alike if part == name or not column_of[part][1]]  # the others say theirs
+        largest, beside = (max(float(np.abs(parts[part]).max()) for part in of) for of in (alike, open_))
+        if written[name] or (not unit and any(written[part] for part in open_)):
+            if unit not in ("", "rad") or (not unit and beside > RIGHT):
                 wrong.append(f"{path}: {source.header[at]!r} is among angles with pi, and others are in degrees")
                 continue
             unit, why = "rad", why if unit else "its cells"
@@ -213,8 +220,14 @@ def read_dh(source: SourceTable, form: str | None, ask: Ask | None, unused: Coll
             text = f"{name!r} beside DH parameters is not known: --take '{name}=unused' leaves it out"
             wrong.append(f"{path}: {text}")
     why = "asked for"
-    if form is None and any(BEFORE.fullmatch(_bare(name)[0]) for name in source.header):
-        form, why = "modified", "a and alpha are of the link before"
+    stated = {"modified": "a and alpha are of the link before"}
+    if not any(BEFORE.fullmatch(_bare(name)[0]) for name in source.header):
+        stated = {of: "its title" for of, words in FORMS.items() if any(map(words.search, source.comments))}
+    if len(stated) == 1 and form is None:
+        ((form, why),) = stated.items()
+    elif len(stated) == 1 and form not in stated:
+        ((other, reason),) = stated.items()
+        wrong.append(f"{path}: --dh {form}, and the table is {other} DH ({reason}): leave --dh out, or mend the table")
     if form is None and ask is not None:
         form, why = (
             ask(f"{path.name}: standard (distal) or modified (Craig) DH?", ("standard", "modified")),

@@ -29,7 +29,7 @@ from armflex.errors import (
 )
 from armflex.files.arm_file import ROBOTS
 from armflex.intake.bags import together
-from armflex.intake.clock import counted, doubt, goes_back, times
+from armflex.intake.clock import counted, doubt, goes_back, times, unread
 from armflex.intake.dh import UPRIGHT, DhTable, arm_text, is_dh, read_dh
 from armflex.intake.lost import emptied, without_lost
 from armflex.intake.meanings import (
@@ -47,6 +47,7 @@ from armflex.intake.meanings import (
     Meaning,
     meanings,
     polar,
+    stated,
 )
 from armflex.intake.names import is_resorted, paired_names
 from armflex.intake.picture_files import camera
@@ -69,6 +70,7 @@ from armflex.intake.streams import (
     reduced,
     repeated,
     spread,
+    unsteady,
     unwrapped,
 )
 from armflex.measured.points import LENGTHS
@@ -534,7 +536,8 @@ def _standing(
                 moved[i] = _moved(sources[i], understood[i])
         elif is_sampled(STEP * np.arange(len(values), dtype=float), values, unit) and len(values) >= SAMPLES:
             text = f"has {len(values)} rows of what stands and moves, samples of a recording, and no clock of one: "
-            text += "--take COLUMN=time_s says which column it is" if time is None else f"its rows are {_step(time)}"
+            other = unread(sources[i], understood[i]) or "--take COLUMN=time_s says which column it is"
+            text += other if time is None else f"its rows are {_step(time)}"
             raise InputError(f"{sources[i].title}: {text}")
     if not clocks:
         return sources, []
@@ -560,6 +563,9 @@ def _standing(
             gone[order] = held(places[order], clocks[i][order], spans + shift)
             if gone.any():
                 sources[i] = emptied(sources[i], understood[i], gone, "is exactly where it was before")
+            gone = unsteady(clocks[i], np.where(gone[:, None], np.nan, places), spans + shift)
+            if gone.any():
+                sources[i] = emptied(sources[i], understood[i], gone, "moves or jumps while the arm stands")
         sources[i], understood[i] = _one_sided(sources[i], understood[i])
         sources[i] = _within_turn(reduced(sources[i], clocks[i], spans, shift), written[i], understood[i])
         understood[i] = tuple(
@@ -662,6 +668,7 @@ def _campaign(
         if meaning.kind == "kept":
             columns[meaning.name] = list(map(str, _cells(log, (meaning,), "kept") or ()))
     timed = times(log, of_log)
+    notes += filter(None, [unread(log, of_log)])
     if timed is not None and not (there := np.isfinite(timed)).all():
         notes.append(f"times are left out: line {log.lines[int(there.argmin())]} of {log.path.name} has none")
         timed = None
@@ -816,13 +823,24 @@ def _settled(
                 one = replace(one, unit=answers[kind], why="as answered")
             else:
                 base = f"q_{one.name}" if one.kind == "joint" else one.name
+                said_twice = listing(stated(source)) if one.kind == "coordinate" else ""
                 wrong.append(
-                    f"{source.path}: the unit of column {one.column!r} is stated nowhere:"
+                    f"{source.path}: the unit of column {one.column!r} is "
+                    f"{f'stated as {said_twice}' if said_twice else 'stated nowhere'}:"
                     f" --take '{one.column}={base}_{choices[0]}' or ={base}_{choices[1]}"
                 )
         elif unknown := _unknown_unit(source, one):
             wrong.append(unknown)
             one = replace(one, unit="")
+        elif (
+            one.kind == "coordinate"
+            and one.unit
+            and one.why != "as asked"
+            and (others := stated(source))
+            and not any(np.isclose(LENGTHS[one.unit], LENGTHS[other]) for other in others)
+        ):
+            text = f"{source.path}: {one.column!r} is in {one.unit}, and the file's head says {listing(others)}:"
+            wrong.append(f"{text} --take '{one.column}={one.name}_{one.unit}' if it is")
         settled.append(one)
     for name in dict.fromkeys(source.header):
         if source.header.count(name) > 1:

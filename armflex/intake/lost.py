@@ -19,9 +19,11 @@ if TYPE_CHECKING:
 
 SEEN_BY = r"(?:num(?:ber)?[ _]?(?:of[ _]?)?)?(?:markers|cameras)(?:[ _]?(?:count|used|seen))?"
 KINDS = {
-    "there": r"valid(?:ity)?|(?:is[ _]?)?tracked|tracking(?:[ _]?state)?|visible|visibility|confidence|quality|found"
+    "there": r"g[üu]ltig(?:keit)?|valid[eo]|a[ck]tiv[eo]?|enabled?|used?|included?|present|detected|valid(?:ity)?"
+    r"|(?:is[ _]?)?tracked|tracking(?:[ _]?state)?|visible|visibility|confidence|quality|found"
     rf"|lock(?:ed)?|ok|measured|reliable|{SEEN_BY}",
-    "gone": r"occluded|lost|missing|invalid|stale|broken|reject(?:ed)?|out[ _]?of[ _]?(?:view|range|volume)"
+    "gone": r"outliers?|ausrei(?:ß|ss)er|excluded?|deleted?|removed|ignored?|masked|ung[üu]ltig|verdeckt|occluded"
+    r"|lost|missing|invalid|stale|broken|reject(?:ed)?|out[ _]?of[ _]?(?:view|range|volume)"
     r"|(?:err(?:or)?|fault)(?:[ _]?(?:code|flag|state|status|id|no|nr|number))?",
     "open": r"state|status(?:[ _]?code)?|flags?|solution|beam|health",
 }
@@ -41,7 +43,8 @@ NOT_READ = re.compile(
     r"|un(?:locked|tracked|stable|reliable)|timeout|searching",
     re.IGNORECASE,
 )
-NO, YES = re.compile(r"0(?:\.0*)?|false|f|no|n", re.IGNORECASE), re.compile(r"1(?:\.0*)?|true|t|yes|y", re.IGNORECASE)
+NO = re.compile(r"0(?:\.0*)?|false|f|no|n|nein|non|falsch|faux|off", re.IGNORECASE)
+YES = re.compile(r"1(?:\.0*)?|true|t|yes|y|ja|j|oui|s[iíì]|wahr|vrai|on", re.IGNORECASE)
 """What cells say of a reading: words of instruments, and of flags that are named after one of two states."""
 
 MOST_STATES = 8
@@ -49,6 +52,9 @@ MOST_STATES = 8
 
 HUGE = 1e15
 """A coordinate beyond this is a length in no unit: 1e15 um is the way to the moon and back. NDI writes -3.697314e28."""
+
+FINER = 6
+"""Places that are not whole, fewer than which say nothing of what an instrument writes."""
 
 NINES = np.array([[float(f"{'9' * n}.{'9' * k}") for k in range(5)] for n in range(3, 11)])
 """(8, 5) what programs write for a missing number: 999, 999.9 .. 9999999999.9999, with either sign."""
@@ -58,14 +64,16 @@ def lost(places: Array) -> np.ndarray:
     """Return (N,) which of (N, 3) places, in any unit, are what instruments write for a target that is lost.
 
     Such is a place with a coordinate that is no number, none of any length (`HUGE`), or all nines from 9999 on; and
-    one whose three coordinates are the same number, if that is 0 (Qualisys, Vicon, most drivers of ROS), all nines, or
-    comes more than once: no target is measured twice at exactly (c, c, c).
+    one whose three coordinates are the same number, if that is 0 (Qualisys, Vicon, most drivers of ROS), all nines,
+    whole where the others are not (-1, -32768), or comes more than once: no target is measured at exactly (c, c, c).
     """
     size = np.abs(places)
     gone = np.array(~(size < HUGE).all(axis=1) | np.isin(size, NINES[1:]).any(axis=1), dtype=bool)
     equal = ~gone & (places == places[:, :1]).all(axis=1)
     values, index, counts = np.unique(places[equal, 0], return_inverse=True, return_counts=True)
-    gone[equal] = (values[index] == 0.0) | np.isin(np.abs(values[index]), NINES) | (counts[index] > 1)
+    finer = (places[~gone & ~equal] % 1.0 != 0.0).any(axis=1)
+    whole = (values[index] % 1.0 == 0.0) & (2 * np.count_nonzero(finer) > max(len(finer), FINER))
+    gone[equal] = whole | (values[index] == 0.0) | np.isin(np.abs(values[index]), NINES) | (counts[index] > 1)
     return gone
 
 
@@ -109,7 +117,10 @@ def _unread(source: SourceTable, meaning: Meaning, cells: Sequence[str], counted
     kind = match.lastgroup if match else ""
     said = {cell: _is_read(kind, cell) for cell in {*cells}}
     words = not any(map(NUMBER.fullmatch, cells)) and {said[cell] for cell in said if cell} == {True, False}
-    if not (kind or words):
+    answers = {bool(YES.fullmatch(cell)) for cell in said if YES.fullmatch(cell) or NO.fullmatch(cell)}
+    plain = meaning.kind == "covariate" and answers == {True, False} and len({*said} - {""}) == 2
+    flagged = counted and plain and not asked and len(cells) > MOST_STATES  # yes and no of something that has no name
+    if not (kind or words or flagged):
         return np.zeros(len(cells), dtype=bool)
     few = 1 < len(said) <= MOST_STATES
     usual = Counter(cells).most_common(1)[0][0]

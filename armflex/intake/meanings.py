@@ -44,10 +44,10 @@ OF_ANOTHER = (
 )
 """What does not stand before the name of a joint in the column of its position: a torque, a temperature, a command."""
 
-PLACED_WORD = r"(?:act(?:ual)?|ist|pos(?:ition)?|angle|winkel)"
+PLACED_WORD = r"(?:act(?:ual)?|ist|pos(?:ition)?|angle|winkel|meas(?:ured)?|mess(?:wert)?|mes(?:ur[ée]e?)?|gemessen)"
 JOINTS: tuple[tuple[str, str], ...] = (
     (r"q_(?P<name>.*\S)", "rad"),
-    (r"(?:actual|target)_q_(?P<ur>[0-5])", "rad"),
+    (r"(?:actual|target)_q_?\[?(?P<ur>[0-5])\]?", "rad"),
     (r"\$?(?:axis_act(?:_meas)?|aipos)[._ ]?(?P<short>a[1-6])", "deg"),
     (r"\$?(?:axis_act(?:_meas)?|aipos)[._ ]?(?P<outer>e[1-6])", ""),
     (r"(?:/?joint_states?[./])?position(?:[._](?P<name>.*\S)|\[(?P<listed>[^\[\]]+)\])", "rad"),
@@ -56,7 +56,8 @@ JOINTS: tuple[tuple[str, str], ...] = (
     (rf"(?:{OF_ANOTHER}\w+\.)*(?P<short>rax_[1-6])", "deg"),
     (r"(?:q|posj|jpos|joints?)\[(?P<listed>\d+)\]", ""),
     (
-        rf"(?:{OF_ANOTHER}\w+\.)?(?P<short>(?:jt?|a|q|ax|axis|joint|achse|gelenk|theta|th|θ)[ _.]?\d{{1,2}})"
+        rf"(?:{OF_ANOTHER}\w+\.)?(?:{PLACED_WORD}[ _.-])?"
+        r"(?P<short>(?:jt?|a|q|ax|axis|axe|joint|achse|gelenk|eje|asse|giunto|軸|轴|关节|関節|theta|th|θ)[ _.]?\d{1,2})"
         rf"(?:[ _.]{PLACED_WORD})?",
         "",
     ),
@@ -76,7 +77,7 @@ PART_OF_TURN = re.compile(r"q[ .]?\d", re.IGNORECASE)
 RECORDED = "position."
 """Before a joint's name in a column of a recording."""
 
-COMMANDED = re.compile(r"target|command|cmd|set ?point|soll|desired", re.IGNORECASE)
+COMMANDED = re.compile(r"target|command|cmd|set ?point|soll|desired|consigne|demand", re.IGNORECASE)
 """In the name of a column beside one of the same joint that says where it is."""
 
 NAMES = (
@@ -106,7 +107,7 @@ TIME_UNITS = {
 ANGLE_UNITS = {
     **UNITS["angle"],
     **dict.fromkeys(("radian", "radians"), 1.0),
-    **dict.fromkeys(("degree", "degrees"), np.pi / 180.0),
+    **dict.fromkeys(("degree", "degrees", "degré", "degrés", "grados", "gradi", "度"), np.pi / 180.0),
     **dict.fromkeys(("ddeg", "decideg", "decidegrees"), np.pi / 1.8e3),
     **dict.fromkeys(("cdeg", "centideg", "centidegrees"), np.pi / 1.8e4),
     **dict.fromkeys(("mdeg", "millideg", "millidegrees"), np.pi / 1.8e5),
@@ -183,7 +184,7 @@ BRACKETS = re.compile(r"(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*")
 
 _SHORT, _LONG = ("|".join(sorted(map(re.escape, words), key=len, reverse=True))
                  for words in ({*LENGTHS, *ANGLE_UNITS, *TIME_UNITS} - {"h", "d"},
-                               {*LENGTHS, *ANGLE_UNITS, *TIME_UNITS, "°"}))  # fmt: skip
+                               {*LENGTHS, *ANGLE_UNITS, *TIME_UNITS, "°", "grad"}))  # fmt: skip
 BEHIND = re.compile(
     rf"(?P<base>.+?)(?:_(?P<short>{_SHORT})|(?:\s*[,/]\s*|\s+(?:in\s+)?)(?P<unit>{_LONG}))", re.IGNORECASE
 )
@@ -222,7 +223,8 @@ def meanings(
         joints: Names of the robot's, where its file is there.
         slides: Those of them that are lengths.
     """
-    comment = next(filter(None, (_unit_of_comment(text) for text in source.comments)), None)
+    comments = stated(source)
+    comment = comments[0] if len(comments) == 1 else None
     meant, parts, of_set = [], _parts_of_time(source), _of_set(source.header)
     for header, cells in zip(source.header, source.columns, strict=True):
         given = taken.get(header)
@@ -438,6 +440,14 @@ def _turned(source: SourceTable, meant: Sequence[Meaning]) -> list[Meaning]:
                 open_ = f"a quaternion, w first or last: --take '{part_meant.column}=q{'wxyz'[number]}'"
                 settled[group[axis]] = replace(part_meant, kind="unused", name="turn", unit="", why=open_)
     return settled
+
+
+def stated(source: SourceTable) -> list[str]:
+    """Return the units of length that comments and titles of a file state, each once: one, or they contradict."""
+    units: dict[float, str] = {}
+    for unit in filter(None, map(_unit_of_comment, source.comments)):
+        units.setdefault(LENGTHS[unit], unit)
+    return list(units.values())
 
 
 def _unit_of_comment(text: str) -> str | None:

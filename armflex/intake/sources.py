@@ -16,7 +16,7 @@ from typing import TypeAlias
 import numpy as np
 
 from armflex.conventions import NUMBER, UNITS, Array
-from armflex.errors import Place, TableError, listing, shown
+from armflex.errors import FEW, Place, TableError, listing, shown
 from armflex.measured.points import LENGTHS
 from armflex.measured.spreadsheet import SUFFIXES, sheet_rows
 from armflex.measured.table import text_lines
@@ -46,10 +46,22 @@ LISTED = re.compile(r"[\[(]\s*(.*?)\s*,?\s*[\])]")
 
 NO_READING = re.compile(
     r"|[-–—.*?]+|[-+]?(?:1\.#)?(?:nan|ind|inf(?:inity)?|qnan|snan)(?:\(.*\))?|none|null|nil|#?n/?a|#value!|#num!|empty|lost"
-    r"|missing|invalid|occluded|not (?:visible|found|tracked|valid|measured)|no (?:reading|target|data)",
+    r"|missing|invalid|occluded|not (?:visible|found|tracked|valid|measured)|no (?:reading|target|data)|#+|beam broken"
+    r"|nicht (?:gemessen|sichtbar|gefunden)|non (?:mesuré|visible|trouvé)|ung[üu]ltig|verdeckt|perdue?|verloren",
     re.IGNORECASE,
 )
 """A cell in place of a coordinate that was not read."""
+
+THOUSANDS = re.compile(
+    r"([+-]?\d{1,3}(?:(['’ \u00a0\u202f])\d{3})(?:\2\d{3})*)([.,]\d+)?|([+-]?\d{1,3}(?:,\d{3})+\.\d+)"
+)
+"""A number with apostrophes or blanks between its thousands, or commas where a point follows."""
+
+FORTRAN = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))[dD]([+-]?\d{1,3})")
+"""A number as Fortran writes one, 0.1D+03."""
+
+MEASURE = re.compile(r"(.*\d[.,]?)\s*(mm|cm|m|in|inch|°|deg)")
+"""A number with its unit in the cell."""
 
 STAMP = re.compile(r"(?:\d{1,4}[./-]\d{1,2}[./-]\d{1,4}|\d{1,2}:\d\d)[\dTZ:.,+ -]*")
 """A cell with a date, a clock's time or both."""
@@ -125,6 +137,7 @@ def read_table_source(path: Path) -> SourceTable:
             elif line.strip() and not line.lower().startswith("sep="):
                 kept.append((number, line.rstrip("\r\n")))
         rows, mark = _split(kept)
+    rows = [(line, [_plain_number(cell) for cell in cells]) for line, cells in rows]
     numeric = [sum(map(_number, row)) >= min(max(len(row), 2) / 2, 2) or _no_reading(row) for _, row in rows]
     widths = Counter(len(cells) for (_, cells), full in zip(rows, numeric, strict=True) if full and len(cells) > 1)
     if not widths:
@@ -158,10 +171,11 @@ def read_table_source(path: Path) -> SourceTable:
         if len(cells) != width:
             raise TableError(Place(path, line), f"has {len(cells)} cells where most rows have {width}")
     columns = [tuple(column) for column in zip(*(cells for _, cells in body), strict=True)]
+    head, columns = _without_units(head or _names(columns), columns)
     _one_mark(path, body, columns)
     source = SourceTable(
         path,
-        tuple(head or _names(columns)),
+        tuple(head),
         tuple(line for line, _ in body),
         tuple(
             tuple(cell.replace(".", "").replace(",", ".") if COMMA.fullmatch(cell) else cell for cell in column)
@@ -170,6 +184,32 @@ def read_table_source(path: Path) -> SourceTable:
         tuple(comments),
     )
     return _named_joints(_by_point(source))
+
+
+def _plain_number(cell: str) -> str:
+    """Return a cell without what stands between thousands, and with a sign and an exponent as computers read them."""
+    if NUMBER.fullmatch(cell):
+        return cell
+    cell = f"-{cell[1:]}" if cell.startswith("−") else cell
+    if match := THOUSANDS.fullmatch(cell):
+        return match[4].replace(",", "") if match[4] else match[1].replace(match[2], "") + (match[3] or "")
+    return f"{match[1]}e{match[2]}" if (match := FORTRAN.fullmatch(cell)) else cell
+
+
+def _without_units(
+    head: Sequence[str], columns: Sequence[tuple[str, ...]]
+) -> tuple[Sequence[str], list[tuple[str, ...]]]:
+    """Return a header and columns of which those have their unit in the header whose every number has the same."""
+    names, stripped = list(head), list(columns)
+    for i, column in enumerate(columns):
+        if not any(map(MEASURE.fullmatch, column[:FEW])):
+            continue
+        matches = [MEASURE.fullmatch(cell) for cell in column if not NO_READING.fullmatch(cell)]
+        units = {match[2] for match in matches if match and _number(match[1])}
+        if len(units) == 1 and all(matches) and not UNIT.search(names[i]):
+            names[i] = f"{names[i]} [{units.pop()}]"
+            stripped[i] = tuple(match[1].strip() if (match := MEASURE.fullmatch(cell)) else cell for cell in column)
+    return names, stripped
 
 
 def _one_mark(path: Path, body: Sequence[tuple[int, list[str]]], columns: Sequence[Sequence[str]]) -> None:
@@ -279,6 +319,8 @@ def _number(cell: str) -> bool:
     """Return whether a cell is a number, or a list of them."""
     if match := LISTED.fullmatch(cell):
         return all(NUMBER.fullmatch(part.strip()) for part in match[1].split(","))
+    if match := MEASURE.fullmatch(cell):
+        cell = match[1]
     return bool(NUMBER.fullmatch(cell) or COMMA.fullmatch(cell))
 
 

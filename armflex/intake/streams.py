@@ -52,6 +52,9 @@ capture, half of the way of an arm that moves at one degree, or 2 mm, a second."
 STANDS = 0.5
 """An arm that stands does so for this long [s]."""
 
+SWINGS = 5e-3
+"""Tolerance: so far [m] from the middle of a dwell a target still is that of an arm that swings, not another one."""
+
 SETTLES = 0.2
 """What is read within this time [s] after a motion is left out where the arm stands twice as long: it still swings."""
 
@@ -235,6 +238,29 @@ def dwells(time: Array, values: Array, unit: str) -> Array:
         if end - start >= STANDS and not creeps:
             spans.append((start + (SETTLES if end - start >= 2.0 * SETTLES + STANDS else 0.0), end - 0.5 * SETTLES))
     return np.array(spans).reshape(-1, 2)
+
+
+def unsteady(time: Array, places: Array, spans: Array) -> np.ndarray:
+    """Return (N,) which places are far from where the target is in their dwell, all of one in which it moves on.
+
+    Far is beyond `SWINGS` and six times the distance that is usual.
+
+    Args:
+        time: (N,) [s].
+        places: (N, 3) [m], nan where none was read.
+        spans: (K, 2) first and last time of each dwell [s].
+    """
+    gone, away, usual = np.zeros(len(time), dtype=bool), list[tuple[np.ndarray, Array]](), list[float]()
+    for start, end in spans:
+        rows = np.flatnonzero((time >= start) & (time <= end) & np.isfinite(places).all(axis=1))
+        if len(rows):
+            off = np.linalg.norm(places[rows] - np.median(places[rows], axis=0), axis=1)
+            away.append((rows, off))
+            usual.append(float(np.median(off)))
+    for rows, off in away:
+        far = off > max(SWINGS, 6.0 * float(np.median(usual)))
+        gone[rows] = far if 2 * np.count_nonzero(far) < len(far) else True
+    return gone
 
 
 def reduced(source: SourceTable, time: Array, spans: Array, shift: float) -> SourceTable:

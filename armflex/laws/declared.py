@@ -1,7 +1,5 @@
 """Flexures and their laws as an arm.toml declares them: by numbers, a trained file, or sub-joints and beams."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -219,12 +217,7 @@ def _known(table: Declaration, key: str, name: str, nodes: Mapping[str, Array]) 
     return name
 
 
-DECLARED = (
-    "linear",
-    "position_dependent",
-    "telescope",
-    "hardening",
-)
+DECLARED = ("linear", "position_dependent", "telescope", "hardening")
 """Laws by numbers: a file of `joint/` each, with a function `read_NAME` and an `EXAMPLE` of what it reads; a new law is
 one more file and a line here."""
 

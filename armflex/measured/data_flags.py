@@ -151,11 +151,10 @@ def turned_back(q: Array, arm: Arm) -> tuple[Array, Flag | None]:
             continue
         at = np.unique(np.round(q[:, index], 3))
         gaps = np.diff(at)
-        if len(gaps):
-            cut, seam = int(gaps.argmax()), full - float(at[-1] - at[0])
+        if len(gaps) and full - float(at[-1] - at[0]) < 0.25 * gaps.max():
+            cut = int(gaps.argmax())
             by_chance = len(at) * (1.0 - float(gaps[cut]) / full) ** (len(at) - 1)
-            if seam < 0.25 * gaps[cut]:
-                open_.append((index, start, float(at[cut]) + 0.5 * float(gaps[cut]), by_chance < GAP_BY_CHANCE))
+            open_.append((index, start, float(at[cut]) + 0.5 * float(gaps[cut]), by_chance < GAP_BY_CHANCE))
     counted = bool(turns.any()) or any(sure for *_, sure in open_)
     for index, start, cut, sure in open_:
         if counted and (start == 0.0 or sure):

@@ -1,7 +1,5 @@
 """Known forces in a table of rows: the columns `force_fx` .. `force_mz`, `force_frame`, `force_axes`, read once."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

@@ -60,9 +60,8 @@ def joined(campaigns: Sequence[Measurements], arm: Arm) -> Measurements:
     if len(campaigns) == 1:
         return campaigns[0]
     given: dict[str, Measurements] = {}
-    for number, campaign in enumerate(
-        campaigns, 1
-    ):  # by the name of its file; a further one of that name has its number
+    for number, campaign in enumerate(campaigns, 1):
+        # By the name of its file; a further one of that name has its number.
         file = campaign.places[0].file if campaign.places else None
         name = file.stem if isinstance(file, Path) else f"campaign {number}"
         given[f"{name} {number}" if name in given else name] = campaign
@@ -82,21 +81,16 @@ def joined(campaigns: Sequence[Measurements], arm: Arm) -> Measurements:
     def sessions(name: str, campaign: Measurements) -> list[str]:
         return [name if len(set(campaign.session)) == 1 else f"{name}/{session}" for session in campaign.session]
 
-    first, timed, times = (
-        campaigns[0],
-        not any("time" in campaign.derived for campaign in campaigns),
-        [campaigns[0].time],
-    )
-    periods = list(first.clock)
+    timed, first = not any("time" in campaign.derived for campaign in campaigns), campaigns[0]
+    times, periods = [first.time], list(first.clock)
     for campaign in campaigns[1:]:  # none earlier than any of the campaign before
         later = max(float(times[-1].max() - campaign.time.min()), 0.0)
         times.append(campaign.time + later)
         periods += [replace(period, later=later) for period in campaign.clock]
     covariates, flags = _columns(given, arm)
-    if any(campaign.hold is None for campaign in campaigns) and any(
-        campaign.hold is not None for campaign in campaigns
-    ):
-        flags.append(_lacking("hold", [name for name, campaign in given.items() if campaign.hold is None]))
+    without_hold = [name for name, campaign in given.items() if campaign.hold is None]
+    if 0 < len(without_hold) < len(given):
+        flags.append(_lacking("hold", without_hold))
     return Measurements(
         joint_names=first.joint_names,
         pose=_poses(given),
@@ -106,7 +100,7 @@ def joined(campaigns: Sequence[Measurements], arm: Arm) -> Measurements:
         q=whole(lambda rows: rows.q),
         approach=whole(lambda rows: rows.approach),
         measured=whole(lambda rows: rows.measured),
-        hold=None if any(campaign.hold is None for campaign in campaigns) else whole(lambda campaign: campaign.hold),
+        hold=None if without_hold else whole(lambda rows: rows.hold),
         covariates=covariates,
         places=sum((campaign.places for campaign in campaigns), ())
         if all(campaign.places for campaign in campaigns)

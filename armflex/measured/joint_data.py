@@ -165,7 +165,7 @@ def _one_axis(table: Table) -> tuple[str, str] | None:
     if [len(names) for names in both] != [1, 1] or not all(table.columns[name].unit for (name,) in both):
         return None
     ((load,), (deflection,)) = both
-    pairs = dict(zip(WRENCH_NAMES, TWIST_NAMES, strict=True))
+    pairs: dict[str, str] = dict(zip(WRENCH_NAMES, TWIST_NAMES, strict=True))
     same = (kinds[load] == "moment") == (kinds[deflection] == "angle")
     return (load, deflection) if same and pairs.get(load.lower(), deflection.lower()) == deflection.lower() else None
 

@@ -56,7 +56,7 @@ from armflex.measured.table import (
 from armflex.readings import Camera, Kind, Orientation, Position, Readings, TouchingSensor, touched
 from armflex.result import Result
 from armflex.rows import Rows
-from armflex.rows.clock import Period
+from armflex.rows.period import Period
 from armflex.rows.rows import APPROACH, MOST_LEVELS, last_motion, level_columns
 
 POSITION, ROTATION, EACH = ("x", "y", "z"), ("rx", "ry", "rz"), ("sigma_x", "sigma_y", "sigma_z")
@@ -308,9 +308,8 @@ def read_measurements(
         *force_flags(measurements, arm),
     )
     flags += branch_flags(table, arm)
-    flags += (
-        () if measurements.measured.any() else unit_flags(table, arm)
-    )  # else readings decide, when the arm is fitted
+    if not measurements.measured.any():  # else readings decide, when the arm is fitted
+        flags += unit_flags(table, arm)
     if export is not None:
         sha256, frame = hashlib.sha256((sha256 + export.sha256).encode()).hexdigest(), export.frame
         base = arm.robot.base
@@ -347,16 +346,13 @@ def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLO
     asked: list[tuple[Flag, ...]] = []
     for table in read_pieces(path, kinds, most):
         recognised, (measurements, turned) = _known_columns(table, arm, True, None), _measurements(table, arm, unnamed)
-        if turned is not None:
-            warn((turned,))
+        warn(() if turned is None else (turned,))
         asked.append(unit_flags(table, arm))
         earliest += [datetime.fromisoformat(measurements.begins)] if measurements.begins else []
         for name in (name for name in table.columns if name not in recognised):
             seen.setdefault(name, _Covariate(name)).add(table)
-        odd, there = (
-            np.flatnonzero(in_other_units(measurements.q, arm).any(axis=1)),
-            np.flatnonzero(measurements.positioned),
-        )
+        odd = np.flatnonzero(in_other_units(measurements.q, arm).any(axis=1))
+        there = np.flatnonzero(measurements.positioned)
         far.append(measurements.q[odd])
         if measurements.readings.of(Position):
             positions.append(measurements.position[there])
@@ -520,9 +516,8 @@ def _measurements(
     # Recorded directions; where a joint has none, that of its last change of position.
     approach, directions = last_motion(q, before), [f"approach_{joint}" for joint in arm.joint_names]
     for kind in readings.kinds:  # an arm that is guided by hand into a socket comes from no known side
-        approach = (
-            np.where(np.array([bool(text) for text in kind.texts])[:, None], 0.0, approach) if kind.texts else approach
-        )
+        touches = np.array([bool(text) for text in kind.texts or [""] * len(table)])
+        approach = np.where(touches[:, None], 0.0, approach)
     for index, name in enumerate(directions):
         if name in table.columns:
             approach[:, index] = table.numbers(name)
@@ -651,29 +646,25 @@ def _sensor_flags(measurements: Measurements, arm: Arm, table: Table) -> Iterato
         elif name not in read:
             # A column that nothing knows, in this kind's units, may be meant.
             units, headers = UNITS[sensor.kind.quantity], [table.columns[name] for name in measurements.covariates]
-            like = [
-                column.header for column in headers if column.unit in units or column.header.rpartition("_")[2] in units
-            ]
+            ends = [(column.header, {column.unit, column.header.rpartition("_")[2]}) for column in headers]
+            like = [header for header, end in ends if not end.isdisjoint(units)]
             hint = f", did you mean {like[0]!r}?" if len(columns) == 1 and len(like) == 1 else ""
             text = f"[instrument.{name}] is declared, and no column reads it ({listing(columns)})"
             yield Flag("instrument_unread", text + hint)
     for name in measurements.covariates:
         base, _, axis = name.rpartition("_")
         if axis == "x" and base and f"{base}_y" in measurements.covariates:
-            text = (
-                f"columns {name} and {base}_y are covariates: if an instrument reads them, declare [instrument.{base}]"
-            )
-            yield Flag("instrument_undeclared", text)
+            text = f"columns {name} and {base}_y are covariates: if an instrument reads them, declare"
+            yield Flag("instrument_undeclared", f"{text} [instrument.{base}]")
     needed = {column for effect in arm.effects for column in effect.location.covariates}
     alike: dict[str, list[str]] = {}
     for name, values in measurements.covariates.items():
         base, _, unit = name.rpartition("_")
-        if isinstance(values, np.ndarray) and name not in needed and base and unit in READ_IN:
-            stem = base[:-2] if base.endswith(("_x", "_y", "_z")) else base
+        stem = base[:-2] if base.endswith(("_x", "_y", "_z")) else base
+        is_read = base and unit in READ_IN and not stem.lower().startswith(TEMPERATURES)
+        if isinstance(values, np.ndarray) and name not in needed and is_read:
             alike.setdefault(stem, []).append(name)
     for stem, names in alike.items():
-        if stem.lower().startswith(TEMPERATURES):
-            continue
         what = f"column {names[0]} is" if len(names) == 1 else f"columns {listing(names)} are"
         text = f"{what} read as {'a covariate' if len(names) == 1 else 'covariates'}"
         yield Flag("instrument_undeclared", f"{text}; [instrument.{stem}] would have it read the arm")

@@ -1,7 +1,5 @@
 """Parquet files as rows of text, so that they pass the same checks as CSV; pyarrow is imported only here."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

@@ -29,9 +29,6 @@ CORNER = ("picture", "corner", "u", "v")
 MOST_BYTES = 500_000_000
 """Of a picture."""
 
-MARGIN = 5
-"""Half the side of the window [px] in which a corner of a tag is refined."""
-
 
 def read_pictures(table: Table, sensor: Sensor) -> Array:
     """Return the (N, 2 C) corners u, v [px] that a camera saw in the rows of a campaign, not a number where it did not.
@@ -186,7 +183,8 @@ def _of_markers(cv2: Any, picture: Any, board: Board) -> tuple[np.ndarray, Array
             return np.zeros(0, int), np.zeros((0, 2))
         return numbers.ravel(), np.asarray(corners, float).reshape(-1, 2)
     how = cv2.aruco.DetectorParameters()
-    how.cornerRefinementMethod, how.cornerRefinementWinSize = cv2.aruco.CORNER_REFINE_SUBPIX, MARGIN
+    # Half the side of the window [px] in which a corner of a tag is refined.
+    how.cornerRefinementMethod, how.cornerRefinementWinSize = cv2.aruco.CORNER_REFINE_SUBPIX, 5
     corners, numbers, _ = cv2.aruco.ArucoDetector(markers, how).detectMarkers(picture)
     if numbers is None:
         return np.zeros(0, int), np.zeros((0, 2))

@@ -270,7 +270,7 @@ def _match(table: Table, wanted: Sequence[str], points: PointExport) -> list[int
     for row, name in enumerate(wanted):
         rows_of[name].append(row)
     sessions = table.texts("session") if "session" in table.columns else ("",) * len(table)
-    point_of: list[int | None] = [None] * len(table)
+    point_of: dict[int, int] = {}
     for name, rows in rows_of.items():
         points_named, parts = index[name], []
         if len({points.names[i][:-1] for i in points_named}) > 1:  # several groups use the name: they may be sessions
@@ -281,12 +281,11 @@ def _match(table: Table, wanted: Sequence[str], points: PointExport) -> list[int
         for mine, within in parts if any(within for _, within in parts) else [(rows, points_named)]:
             if within:
                 _check_order(table, name, mine, within, points)
-                for row, point in zip(mine, within, strict=True):
-                    point_of[row] = point
-    if len(table) and all(point is None for point in point_of):
+                point_of |= zip(mine, within, strict=True)
+    if len(table) and not point_of:
         text = f"no row's name is that of a point in {points.path} (rows: {listing(dict.fromkeys(wanted), 5)}; points: "
         raise table.fail(text + f"{listing(map(points.full_name, range(len(points.names))), 5)})")
-    return point_of
+    return [point_of.get(row) for row in range(len(table))]
 
 
 def _check_order(table: Table, name: str, rows: Sequence[int], matched: Sequence[int], points: PointExport) -> None:

@@ -17,12 +17,6 @@ from armflex.rows.rows import numbered, same_positions
 REPEATED = 2e-5
 """Joint positions nearer than this [rad or m] repeat a pose: 0.2 mm at the end of a 10 m arm."""
 
-LOST = 6.0
-"""Robust standard deviations from its fellows beyond which a reading is a lost beam."""
-
-DOUBTFUL = 1.5
-"""Ratio of scatter to stated noise that is flagged, when the repeats are enough to determine it."""
-
 
 @dataclass(frozen=True, eq=False)
 class Scatter:
@@ -120,7 +114,8 @@ def repeats(measurements: Measurements, tolerance: float = REPEATED) -> Repeats 
         across = replace(across, stated=_stated(sigma[kept]), lost=tuple(again.tolist()))
     # The stated noise is wrong where it is by more than the repeats' own uncertainty leaves open.
     flags, ratio = (), float(np.sqrt((same_session.ratio**2).mean()))
-    room = DOUBTFUL * (1.0 + 3.0 * same_session.uncertainty / np.sqrt(3.0))
+    # Ratio of scatter to stated noise that is flagged, when the repeats are enough to determine it.
+    room = 1.5 * (1.0 + 3.0 * same_session.uncertainty / np.sqrt(3.0))
     if not 1.0 / room < ratio < room:
         size, said = (1e3 * np.sqrt((values**2).mean()) for values in (same_session.sigma, same_session.stated))
         text = f"repeats scatter by {size:.2g} mm per axis, {ratio:.2g} times the {said:.2g} mm stated as sigma"
@@ -160,7 +155,8 @@ def _lost(position: Array, sets: list[np.ndarray], stated: Array) -> np.ndarray:
     """
     steps = np.concatenate([np.diff(position[rows], axis=0) for rows in sets])
     scale = np.median(np.abs(steps), axis=0) / (0.6745 * np.sqrt(2.0))
-    limit = np.where(scale > 0.0, LOST * (1.0 + 5.0 / len(steps)) * np.maximum(scale, stated), np.inf)
+    # Robust standard deviations from its fellows beyond which a reading is a lost beam.
+    limit = np.where(scale > 0.0, 6.0 * (1.0 + 5.0 / len(steps)) * np.maximum(scale, stated), np.inf)
     far = []
     for rows in sets:
         away = np.abs(position[rows] - np.median(position[rows], axis=0))

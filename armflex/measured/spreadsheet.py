@@ -1,7 +1,5 @@
 """Excel workbooks as rows of text, so that they pass the same checks as CSV; openpyxl is imported only here."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path

@@ -13,6 +13,7 @@ from armflex.conventions import Array, covariate_array
 from armflex.mechanics.deflection import deflect
 from armflex.mechanics.engine.binding import parts_of
 from armflex.mechanics.equilibrium import Quick, check_method
+from armflex.mechanics.history import known_alone, remembering
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.loop_rows import LoopSolver
 from armflex.mechanics.many_rows import OneChain
@@ -43,6 +44,7 @@ class Prepared:
         check_rows(wrenches, None)
         loaded.flags_under(wrenches, moves=False)  # raises where a link is not the arm's
         self._loaded, self._method, self._enforced, self._wrenches = loaded, method, enforce_limits, tuple(wrenches)
+        self._remembers = bool(remembering(loaded.arm, ()))
         self._exact, self._shape = method == "exact", (len(loaded.arm.joint_names),)
         self._last: tuple[Array, Rest] | Array | None = None
         self._displaced = slice(len(loaded.arm.joint_names), len(loaded.arm.joint_names) + 6)
@@ -53,12 +55,16 @@ class Prepared:
 
         Args:
             q: Joint positions in the order of `joint_names`; quickest as an array of 64-bit floats.
-            covariates: What the arm's effects depend on, by name.
+            covariates: What the arm's effects depend on, by name: `loop(q, temperature=24.0)`.
 
         Raises:
             As `Arm.deflection`; the last answer is then still that of the call before.
         """
         given = {name: covariate_array(value, name, 0) for name, value in covariates.items()} if covariates else {}
+        if self._remembers:
+            q, _ = self._loaded.arm.check_position(q, self._enforced)
+            case = LoadCase(q, wrenches=self._wrenches, covariates=given)
+            given = known_alone(self._loaded.arm, self._loaded.payload, case)
         if self._exact and isinstance(q, np.ndarray) and q.shape == self._shape and q.dtype == FLOAT:
             found = self._engine(q, given)
             if found is not None:

@@ -1,7 +1,5 @@
 """Gravity in the axes of a link, as an accelerometer on it reads it at rest."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -7,17 +7,12 @@ light, of Rueger 2002 beyond 100 um; scale height of Stone 1996; water vapour of
 iauRefco.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.declaration import Declaration
-
-RADIO = 100.0
-"""Wavelength [um] from which water vapour counts as for radio waves."""
 
 STEEPEST = 0.05
 """Cosine of the zenith distance, 87 degrees, below which the series is that of this one."""
@@ -54,7 +49,7 @@ class Air:
             saturated *= 1.0 + pressure * (4.5e-6 + 6e-10 * celsius**2)
             vapour = self.humidity * saturated / (1.0 - (1.0 - self.humidity) * saturated / pressure)
         height = 4.4474e-6 * kelvin
-        if self.wavelength_um > RADIO:
+        if self.wavelength_um > 100.0:  # wavelength [um] from which water vapour counts as for radio waves
             refractivity = (77.6890e-6 * pressure - (6.3938e-6 - 0.375463 / kelvin) * vapour) / kelvin
             height -= 0.0074 * vapour * height
         else:

@@ -3,8 +3,6 @@
 Points are in the board's frame [m], z zero: x runs along a row of the print, y from one row to the next.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

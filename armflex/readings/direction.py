@@ -5,8 +5,6 @@ Azimuth and elevation are about the base's z, from its x, or about the axes of a
 base. They are read, and err, on the sky: an azimuth counts by the cosine of the elevation, and is none at the zenith.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -104,9 +102,8 @@ class Direction(Kind):
         if table.has("place") or not table.has("axis"):
             if table.has("axis") or not table.has("place"):
                 text = "give `axis`, the direction in the link that points, or `place`, where a theodolite stands"
-                raise table.fail(
-                    "axis", f"stands beside `place`: {text}" if table.has("axis") else f"is missing: {text}"
-                )
+                problem = "stands beside `place`" if table.has("axis") else "is missing"
+                raise table.fail("axis", f"{problem}: {text}")
             if table.has("refraction"):
                 text = "is of what is beyond the air: over a few metres it bends by less than a tenth of an arcsec"
                 raise table.fail("refraction", f"{text}; the effect `refraction` is for more")
@@ -196,10 +193,8 @@ class Direction(Kind):
         off = -(sight.across(self.values) @ read[:, :, None])[:, :, 0]
         sine, cosine = np.linalg.norm(off, axis=1), np.einsum("ni,ni->n", sight.ways(self.values), read)
         opposite = (sine < SMALLEST_STD) & (cosine < 0.0)
-        off, sine = (
-            np.where(opposite[:, None], (1.0, 0.0), off),
-            np.where(opposite, 1.0, np.maximum(sine, SMALLEST_STD)),
-        )
+        off = np.where(opposite[:, None], (1.0, 0.0), off)
+        sine = np.where(opposite, 1.0, np.maximum(sine, SMALLEST_STD))
         angle = np.arctan2(np.where(opposite, 0.0, sine), cosine)
         return np.where(np.isfinite(self.sigma), off * (angle / sine)[:, None], 0.0)
 

@@ -1,7 +1,5 @@
 """The distance of a point on the arm from an anchor: a draw wire, a ball bar, an interferometer's beam."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -27,9 +25,6 @@ ELSEWHERE, BEYOND = 0.05, 3.0
 
 UNKNOWN = ", where the wire begins [m]; of one that nobody measured write [0, 0, 0] and anchor_std = 2.0"
 """What is said where the anchor is left out: it is found from as far away as its standard deviation says."""
-
-COARSE = 1e-3
-"""Standard deviation of a length [m] while nothing else is fitted yet."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +85,7 @@ class Distance(Kind):
         from scipy.optimize import least_squares  # not needed to import the package
 
         reading, here = self.some(read), at.some(read)
-        size = np.maximum(reading.sigma, COARSE)
+        size = np.maximum(reading.sigma, 1e-3)  # standard deviation of a length [m] while nothing else is fitted yet
 
         def where(step: Array) -> Postures:
             values = np.zeros(len(sensor.std))

@@ -1,7 +1,5 @@
 """The position of a joint as an encoder on its links reads it: the drive's own compliance and backlash are in it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

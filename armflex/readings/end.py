@@ -1,7 +1,5 @@
 """Where an instrument takes hold of the arm: a point of a link, with axes there."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

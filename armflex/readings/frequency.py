@@ -91,9 +91,8 @@ class Frequency(Kind):
         modes_listed = ", ".join(f"{frequency:.4g}" for frequency in frequencies)
         if number:
             if number > len(frequencies):
-                raise InputError(
-                    f"{self.name}: there is no mode {number}; the arm has {len(frequencies)}: {modes_listed} Hz"
-                )
+                has = f"the arm has {len(frequencies)}: {modes_listed} Hz"
+                raise InputError(f"{self.name}: there is no mode {number}; {has}")
             return float(frequencies[number - 1])
         if about.axis is not None:
             along = np.abs(shapes[:, :3] @ at.pose(None)[row, :3, :3] @ about.axis)

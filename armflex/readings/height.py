@@ -1,7 +1,5 @@
 """The height of a point on the arm above a table: a ruler, a dial gauge on a stand, a probe to a surface plate."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """The inclination of a link, as a two-axis level on it reads it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -6,8 +6,6 @@ x is right, y down, z ahead, and for a point at (x, y) = (X, Y) / Z with r^2 = x
     y' = y (1 + k1 r^2 + k2 r^4 + k3 r^6) + p1 (r^2 + 2 y^2) + 2 p2 x y,    v = fy y' + cy.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from armflex.conventions import Array

@@ -1,7 +1,5 @@
 """Loads that the arm carries: the torque of a drive, and what a load cell between two links reads."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """The orientation of a target, as a tracker of six degrees of freedom reads it: the one at the tip, or another."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -20,9 +20,6 @@ from armflex.readings.sensor import AXES, TURNS, Nuisance
 from armflex.readings.sighting import Sighting, sighted
 from armflex.robot import Robot
 
-LOOK = 4
-"""Corners that stand for a picture where what all of them share is looked for."""
-
 NEAR = {"m": 0.05, "rad": 0.05, "px": 50.0}
 """Standard deviation of a place, a turn or a lens up to which a fit finds it from where it is declared."""
 
@@ -129,9 +126,8 @@ class Pixels(Kind):
     def ends(self, at: Postures) -> Ends:
         """Return board and camera."""
         board, eye, there, in_camera, _, change = self._seen(at)
-        there = eye.place[:, None] + in_camera @ eye.axes.swapaxes(
-            1, 2
-        )  # as far before the camera as it is taken to be
+        # As far before the camera as it is taken to be.
+        there = eye.place[:, None] + in_camera @ eye.axes.swapaxes(1, 2)
         change = change @ eye.axes.swapaxes(1, 2)[:, None]  # with the points in the base
 
         def moved(end: End) -> Array:
@@ -159,7 +155,7 @@ class Pixels(Kind):
         for row, seen in enumerate(np.all(np.isfinite(stated), axis=2)):
             which = np.flatnonzero(seen)
             kept = which[:0]
-            for _ in range(min(LOOK, len(which))):
+            for _ in range(min(4, len(which))):  # corners stand for a picture
                 ends = places[row, kept] if len(kept) else places[row, which].mean(axis=0, keepdims=True)
                 apart = np.linalg.norm(places[row, which, None] - ends, axis=2).min(axis=1)
                 kept = np.append(kept, which[apart.argmax()])

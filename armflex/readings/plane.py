@@ -1,7 +1,5 @@
 """A plane near a declared one: tilted a little about axes across its normal."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """The position of a target, as a laser tracker reads it: the one at the tip, or another anywhere on the arm."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

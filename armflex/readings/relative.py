@@ -1,7 +1,5 @@
 """The position of a point on one link as another link sees it: a camera on the arm, two targets of one."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

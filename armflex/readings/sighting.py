@@ -6,8 +6,6 @@ no homography, their pose follows from the direct linear transformation. None of
 fit's.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

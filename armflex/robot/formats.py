@@ -4,8 +4,6 @@ All become links and joints as a URDF has them, and are judged as those are. Whe
 child's origin, as it is in a URDF, a link without mass stands between.
 """
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys
@@ -24,13 +22,7 @@ from armflex.conventions import LARGEST
 from armflex.errors import Flag, Place, UrdfError, listing
 from armflex.robot import xacro_process
 from armflex.robot.tree import FileTree, rotation_of
-from armflex.robot.urdf import (
-    MOVING,
-    Inertial,
-    Urdf,
-    parse_xml,
-    read_urdf,
-)
+from armflex.robot.urdf import MOVING, Inertial, Urdf, parse_xml, read_urdf
 from armflex.storage.read_file import MOST_BYTES, check_file
 
 XACRO = re.compile(r"https?://(www\.)?ros\.org/wiki/xacro/?")
@@ -150,19 +142,15 @@ def _read_mjcf(path: Path, root: etree._Element, declares: bool) -> Urdf:
         if model.body_gravcomp[i]:
             text = f"{Place(path, line)}: body {bodies[i]!r} has gravcomp, which is a controller's: it weighs here"
             tree.flags.append(Flag("gravcomp", text))
-        parent, here = (
-            bodies[model.body_parentid[i]],
-            pin.SE3(rotation_of(model.body_quat[i]), model.body_pos[i].copy()),
-        )
+        parent = bodies[model.body_parentid[i]]
+        here = pin.SE3(rotation_of(model.body_quat[i]), model.body_pos[i].copy())
         hung = range(model.body_jntadr[i], model.body_jntadr[i] + model.body_jntnum[i])
         if not hung:
             tree.joint(f"{bodies[i]}_fixed", "fixed", (parent, bodies[i]), here, pin.SE3.Identity(), np.eye(3)[0],
                        line=line)  # fmt: skip
         for j in hung:
-            kind, axis = (
-                named.get(int(model.jnt_type[j]), "floating"),
-                model.jnt_axis[j] / np.linalg.norm(model.jnt_axis[j]),
-            )
+            kind = named.get(int(model.jnt_type[j]), "floating")
+            axis = model.jnt_axis[j] / np.linalg.norm(model.jnt_axis[j])
             shift, where = pin.SE3(np.eye(3), model.jnt_pos[j].copy()), lines.get(("joint", joints[j]), line)
             problem = loops.get(i, "")
             if kind in ("ball", "floating"):

@@ -1,7 +1,5 @@
 """What a tree of links cannot say: links joined once more, joints without a drive, and driven lengths between pins."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property

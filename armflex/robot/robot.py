@@ -9,8 +9,6 @@ sum that must be possible: files of good robots fix sensors and frames to their 
 with none worth the name.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -673,10 +671,7 @@ def check_motion(urdf: Urdf, scope: Scope, chain: Sequence[Joint], held: Mapping
             _, inertia = _body(urdf, joint.child, ends, held)
             if problem := _impossible(inertia, 1e-6):
                 whole = f"link {joint.child!r} and what it carries up to the next joint of the chain"
-                raise UrdfError(
-                    urdf.links[joint.child].place,
-                    f"{whole}: {problem}; motion needs possible ones",
-                )
+                raise UrdfError(urdf.links[joint.child].place, f"{whole}: {problem}; motion needs possible ones")
 
 
 def _body(

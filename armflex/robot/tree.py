@@ -1,7 +1,5 @@
 """The links and joints of a robot's file as they are met, whatever its format: they become those of a URDF."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

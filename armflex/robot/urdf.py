@@ -4,8 +4,6 @@ There are caps on size and depth, no DTD and no entities. `float()` takes '1_000
 takes '0x64' and stops at the comma of '1,5'; no two URDF readers agree on such files, so they are refused.
 """
 
-from __future__ import annotations
-
 import codecs
 import difflib
 import re
@@ -256,9 +254,8 @@ def parse_xml(path: Path, text: bytes | None = None) -> etree._Element:
         where = Place(path, element.sourceline or 0)
         if depth > MAX_DEPTH:
             raise UrdfError(where, f"nested deeper than {MAX_DEPTH} elements")
-        if element.prefix is None and str(element.tag).startswith(
-            "{"
-        ):  # of a default namespace: Drake's files have one, and other readers look at none
+        # Of a default namespace: Drake's files have one, and other readers look at none.
+        if element.prefix is None and str(element.tag).startswith("{"):
             element.tag = etree.QName(element).localname
         for name, value in element.attrib.items():
             if bad := unprintable(str(value)):

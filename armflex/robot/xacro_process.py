@@ -5,8 +5,6 @@ what a robot needs: numbers, texts, and files below the file's folder or a packa
 into the interpreter are refused, and beneath that all calls of the system. An attack on Python itself may get through.
 """
 
-from __future__ import annotations
-
 import ast
 import os
 import re
@@ -14,6 +12,7 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -126,27 +125,29 @@ class ArgumentError(Exception):
     """An argument has no value, or the file has no such argument."""
 
 
+def _folders(variable: str) -> list[str]:
+    return [folder for folder in os.environ.get(variable, "").split(os.pathsep) if folder]
+
+
 def find_package(folder: Path, package: str) -> str:
     """Return the folder of a ROS package: one above the file, or where ROS's own variables of the environment lead.
 
     Its name is what its package.xml says, or the name of its folder.
     """
-    listed = {name: os.environ.get(name, "").split(os.pathsep) for name in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH")}
-    shares = [Path(prefix, "share", package) for prefix in listed["AMENT_PREFIX_PATH"] if prefix]
-    roots = [Path(root) for root in listed["ROS_PACKAGE_PATH"] if root]
-    for place in (folder, *folder.parents):
-        if _named(place) == package:
-            return str(place)
-    for place in (*shares, *(root / package for root in roots), *roots):
-        if place.is_dir() and (_named(place) or place.name) == package:
-            return str(place)
+    shares = [Path(prefix, "share", package) for prefix in _folders("AMENT_PREFIX_PATH")]
+    roots = [Path(root) for root in _folders("ROS_PACKAGE_PATH")]
+    above, listed = (folder, *folder.parents), (*shares, *(root / package for root in roots), *roots)
+    said = (place for place in above if _named(place) == package)
+    called = (place for place in listed if place.is_dir() and (_named(place) or place.name) == package)
+    if place := next(chain(said, called), None):
+        return str(place)
     for root in roots:
         for place, inside, _ in os.walk(root):
             if (name := _named(Path(place))) == package:
                 return place
             if name or len(Path(place).relative_to(root).parts) >= DEEPEST:
                 inside.clear()
-    for place in (folder, *folder.parents):
+    for place in above:
         if place.name == package:
             return str(place)
     raise PackageError(f"no package {package!r} above {folder} or where ROS_PACKAGE_PATH and AMENT_PREFIX_PATH lead")

@@ -3,8 +3,6 @@
 Vehtari, Gelman, Simpson, Carpenter and Buerkner (2021), Bayesian Analysis 16(2), as arviz-stats computes them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -5,8 +5,6 @@ Eq. (13) is printed with a running mean where the current draw belongs, see `upd
 their exact conditional before every step (Gibbs).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """No-U-turn sampling of any density with a gradient, by nutpie, an optional library."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The schemas that come along, with the names of installed plug-ins."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -5,8 +5,6 @@ is strict JSON under one key of that header. Nothing is unpickled, and nothing i
 was found to be what the layout declares and the SHA-256 of the bytes to be what it says.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math
@@ -27,7 +25,6 @@ from armflex.storage.whole_file import write_whole
 KEY = "armflex"
 HEADER_BYTES = 8_000_000
 """What a header may be long: names of arrays, and what is said of them."""
-BLOCK = 1 << 20
 KINDS = {"F64": "f8", "I64": "i8"}
 
 Arrays = dict[str, np.ndarray]
@@ -222,6 +219,6 @@ def _bytes(values: np.ndarray) -> memoryview:
 
 def _blocks(file: BinaryIO, start: int, count: int) -> Iterator[bytes]:
     file.seek(start)
-    while count > 0 and (block := file.read(min(BLOCK, count))):
+    while count > 0 and (block := file.read(min(1 << 20, count))):
         count -= len(block)
         yield block

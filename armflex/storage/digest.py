@@ -1,7 +1,5 @@
 """A number that says whether two objects say the same, in this process or another."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass

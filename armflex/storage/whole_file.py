@@ -1,7 +1,5 @@
 """Files that are there whole or not at all, also when the writer is interrupted; several of them all, or none."""
 
-from __future__ import annotations
-
 import os
 import secrets
 import shutil
@@ -19,9 +17,6 @@ from armflex.errors import FileError, Place
 
 ANYBODY = 0o666
 """Mode of a new file, of which the system takes off the process's umask."""
-
-KEPT = 1 << 24
-"""Bytes for a pipe or a device that are held in memory until there are more."""
 
 LONGEST = 40
 """Letters of a file's name that a temporary one beside it repeats: the whole of it could be too long with more."""
@@ -101,7 +96,8 @@ def writing(path: Path) -> Iterator[IO[bytes]]:
                 yield file
         else:
             with ExitStack() as closed_after_an_error:
-                whole = closed_after_an_error.enter_context(tempfile.SpooledTemporaryFile(KEPT))
+                # Bytes for a pipe or a device that are held in memory until there are more.
+                whole = closed_after_an_error.enter_context(tempfile.SpooledTemporaryFile(1 << 24))
                 yield whole
                 staged.streams.append((path, None if there is None else _own_stream(there), whole))
                 closed_after_an_error.pop_all()

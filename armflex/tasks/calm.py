@@ -39,14 +39,8 @@ KINDS = {"ZV": (1.0, 1.0), "ZVD": (1.0, 2.0, 1.0), "EI": (1.05, 1.9, 1.05)}
 SLOWER = 1.3
 """How many times as long a motion may take unless asked otherwise."""
 
-SHAPED = 3
-"""Slowest modes that may have a shaper of their own."""
-
 WRONG = (0.9, 1.0, 1.1)
 """Prior: a model's frequencies are right to a tenth, as with stiffness or payload a tenth off."""
-
-STRAIGHT = 0.95
-"""Cosine of the turn between two stretches of the way below which a row is a corner."""
 
 LEAST = 1e-6
 """Tolerance: rows nearer to each other [s] are one."""
@@ -99,10 +93,7 @@ class Calmed(Result):
 
 @checked_kinds
 def calm(
-    arm: Arm,
-    trajectory: Trajectory | Tabular,
-    slower: float = SLOWER,
-    covariates: Mapping[str, float] | None = None,
+    arm: Arm, trajectory: Trajectory | Tabular, slower: float = SLOWER, covariates: Mapping[str, float] | None = None
 ) -> Calmed:
     """Return the same path, timed so that the tip swings little where it stops.
 
@@ -201,7 +192,8 @@ def _calmed(
     rows, motion, modes = _shaped(arm, path, whole, slower)
     way = np.diff(path.q[whole.place.astype(int)], axis=0)
     way /= np.linalg.norm(way, axis=1)[:, None]
-    corners = np.flatnonzero((way[1:] * way[:-1]).sum(axis=1) < STRAIGHT) + 1
+    # Cosine of the turn between two stretches of the way below which a row is a corner.
+    corners = np.flatnonzero((way[1:] * way[:-1]).sum(axis=1) < 0.95) + 1
     if motion.swing_m[2] > ENOUGH * motion.swing_m[0] and len(corners):
         parts = [whole.some(slice(a, b + 1)) for a, b in pairwise([0, *corners.tolist(), len(whole.time) - 1])]
         shaped = [_shaped(arm, path, part, slower) for part in parts]
@@ -242,7 +234,7 @@ def _shaped(arm: Arm, path: Trajectory, given: _MotionRows, slower: float) -> tu
     limits = np.array([joint.velocity for joint in arm.robot.moving])
     fastest = max(1.0, float((limits[speeds > 0.0] / speeds[speeds > 0.0]).min(initial=np.inf)))
     first, final = (asked(node, nodes.payload[node], node)[0] for node in (0, last))
-    many = min(len(first.frequencies), len(final.frequencies), SHAPED)
+    many = min(len(first.frequencies), len(final.frequencies), 3)  # slowest modes that may have a shaper of their own
     frequencies = np.sqrt(first.frequencies[:many] * final.frequencies[:many]).tolist()
     tried = _shapers(unshaped, frequencies, float(final.damping_ratios[0]), slower, fastest)
     best = (before, whole, 1.0, "", unshaped)

@@ -52,17 +52,11 @@ FAIL, UNCERTAIN, OK = range(len(VERDICTS))
 HALVES = slice(0, 3), slice(3, 6)
 """The shift of a displacement, and its turn."""
 
-CLOSEST = 1e-6
-"""Fraction of the tolerance below which a peak between samples no longer counts."""
-
 ENDLESS = 1e9
 """Tolerances that an infinite uncertainty counts as."""
 
 ROUNDING = 1e-9
 """Fraction of the tolerance within which points are equally bad: a row is named, not the end of a stretch."""
-
-MOST_RELATIVE = 200
-"""Rows that `relative_sigma_m` is looked for in."""
 
 
 @dataclass(frozen=True)
@@ -281,7 +275,8 @@ def _relative(certain: Arm, trajectory: Trajectory, rows: np.ndarray, method: st
     """Return the largest standard uncertainty [m] at some rows without what only says where base and target stand."""
     if not len(rows):
         return None
-    points = trajectory.points.some(rows[np.unique(np.linspace(0, len(rows) - 1, MOST_RELATIVE).astype(int))])
+    # Rows that `relative_sigma_m` is looked for in.
+    points = trajectory.points.some(rows[np.unique(np.linspace(0, len(rows) - 1, 200).astype(int))])
     deflection = certain.deflection(points.q, points.payload, enforce_limits=False, method=method, **points.asked)
     covariance, _ = flagged_covariance(deflection, relative=True)
     if covariance is None:
@@ -529,12 +524,9 @@ def _check_steps(arm: Arm, trajectory: Trajectory) -> None:
     moving, value = arm.robot.moving[joint], trajectory.q[row + 1, joint]
     unit = "m" if moving.kind == "prismatic" else "rad"
     limits = f"limits [{moving.lower:.6g}, {moving.upper:.6g}] {unit}"
-    text = (
-        f"joint {moving.name!r} goes from {trajectory.q[row, joint]:.6g} to {value:.6g} {unit} in one step, more than"
-    )
-    raise InputError(
-        f"{trajectory.where(row + 1)}: {text} {MOST_STEPS * LARGEST_STEP:g} {unit}; {limits}: is the unit right?"
-    )
+    text = f"joint {moving.name!r} goes from {trajectory.q[row, joint]:.6g} to {value:.6g} {unit} in one step"
+    most = f"more than {MOST_STEPS * LARGEST_STEP:g} {unit}"
+    raise InputError(f"{trajectory.where(row + 1)}: {text}, {most}; {limits}: is the unit right?")
 
 
 def _settled(scores: Array) -> np.ndarray:
@@ -545,5 +537,6 @@ def _settled(scores: Array) -> np.ndarray:
     bend = 2.0 * np.maximum(before, after) + 1e-300
     rise = np.maximum(0.5 * bend - np.abs(np.diff(scores, axis=1)), 0.0) ** 2 / (2.0 * bend)
     hidden = (np.maximum(scores[:, 1:], scores[:, :-1]) + rise).max(axis=1) - highest
-    same_verdict = (highest > 1.0) | (highest + hidden <= 1.0) | (hidden < CLOSEST)
+    # Fraction of the tolerance below which a peak between samples no longer counts.
+    same_verdict = (highest > 1.0) | (highest + hidden <= 1.0) | (hidden < 1e-6)
     return same_verdict[:, 1:].all(axis=1) & (hidden[:, 0] <= 0.01 * np.maximum(highest[:, 0], 1.0))

@@ -29,23 +29,11 @@ from armflex.progress import Progress
 from armflex.result import Result
 from armflex.rows.wrench import wrenches_in
 from armflex.tasks.check import turned_further
-from armflex.tasks.inverse_kinematics import (
-    NEAR_SINGULAR,
-    NO_EQUILIBRIUM,
-    TOLERANCE,
-    Corrector,
-    Search,
-    Trial,
-)
+from armflex.tasks.inverse_kinematics import NEAR_SINGULAR, NO_EQUILIBRIUM, TOLERANCE, Corrector, Search, Trial
 from armflex.trajectory import TARGET, Trajectory, as_trajectory
 
 TOGETHER = 1024
 """Rows that are solved together."""
-
-MAX_INSERTIONS = 8
-MAX_HISTORIES = 6
-SAME_STATE = 1e-9
-"""Relative change of a remembered state, such as play, below which rows need not be solved again."""
 
 LARGEST_CHANGE = 0.5
 """A correction of more than this [rad or m] is no correction of a deflection."""
@@ -193,7 +181,7 @@ def compensate(
     poses = _targets(arm, trajectory, targets)
     rows, moved = _solve_rows(_Solver(arm, trajectory, match, scale), poses, progress)
     gaps = _gaps(arm, moved) if targets is None else None
-    for _ in range(MAX_INSERTIONS):
+    for _ in range(8):  # of rows that are put between
         if between is None or gaps is None or not (gaps > between).any():
             break
         trajectory = trajectory.with_midpoints(gaps > between)
@@ -296,13 +284,14 @@ def _solve_rows(
     """Return every row and the moved trajectory, solved again while the rows' history is not that of the moved ones."""
     arm, bare = solver.arm, solver.trajectory
     moved = bare
-    for _ in range(MAX_HISTORIES):
+    for _ in range(6):  # histories, each from the rows of the last
         history = moved.prepared(arm).covariates
         solver = replace(solver, trajectory=replace(bare, covariates=history))
         rows, moved = _solve_each(solver, poses, progress)
         moved = replace(moved, covariates=bare.covariates)
         after = moved.prepared(arm).covariates
-        if all(np.allclose(history[name], after[name], rtol=SAME_STATE, atol=0.0) for name in history):
+        # Relative change of a remembered state, such as play, below which rows need not be solved again.
+        if all(np.allclose(history[name], after[name], rtol=1e-9, atol=0.0) for name in history):
             return rows, moved
     return _as_driven(solver, rows, moved, poses), moved
 

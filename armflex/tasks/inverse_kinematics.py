@@ -30,8 +30,6 @@ SETTLED = 1e-9
 STUCK = 1e-13
 PROVEN = 1e-7
 LARGE_ERROR = 0.01
-MAX_JUMPS = 12
-MAX_STEPS = 40
 MAX_CALLS = 300
 LEAST_DAMPING = 1e-7
 REGULARISATION = 1e-4
@@ -107,7 +105,7 @@ class Corrector:
             return None, False
         point, converged = yield from self.jump(first)
         if not converged:
-            point = yield from self.restore(point, MAX_STEPS)
+            point = yield from self.restore(point, 40)
             if point.left <= AIMED_AT:
                 point, converged = yield from self.shrink(point)
         return point, converged and point.left <= TOLERANCE
@@ -122,7 +120,7 @@ class Corrector:
     def jump(self, point: Trial) -> Search[tuple[Trial, bool]]:
         """Jump from linearised solution to linearised solution while errors or jumps keep shrinking."""
         best, last = point, np.inf
-        for _ in range(MAX_JUMPS):
+        for _ in range(12):  # jumps
             aim = self.aim(point)
             length = float(np.abs(aim - point.change).max())
             if length < (SETTLED if point.left <= AIMED_AT else STUCK):

@@ -27,7 +27,7 @@ from armflex.laws.effects.in_arm import (
     directions,
     remembers,
 )
-from armflex.measured.clock import runs_by_clock
+from armflex.measured.campaign_clock import runs_by_clock
 from armflex.measured.forces import UNLOADED, Unnamed, read_force_table
 from armflex.measured.measurements import Measurements, as_measurements, read_measurements, stream_inputs
 from armflex.measured.table import Tabular, writing_table
@@ -135,9 +135,8 @@ def predict(
         kind, values = of_sensor[0][0], np.concatenate([reading.values for reading, _ in of_sensor])
         stds = [std for _, std in of_sensor if std is not None]
         std = np.concatenate(stds) if stds else None
-        sensors.append(
-            (replace(kind, values=values, sigma=np.concatenate([reading.sigma for reading, _ in of_sensor])), std)
-        )
+        sigma = np.concatenate([reading.sigma for reading, _ in of_sensor])
+        sensors.append((replace(kind, values=values, sigma=sigma), std))
     asked = _with_constants(arm, rows, covariates or {})
     outside = tuple(flags for prediction in predictions for flags in prediction.outside)
     return Prediction(asked, position, rotation, sigma, displacement, met.flags, tuple(sensors), outside)

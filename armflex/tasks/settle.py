@@ -26,26 +26,14 @@ from armflex.result import Result
 from armflex.rows.wrench import wrenches_in
 from armflex.trajectory import Trajectory, as_trajectory
 
-MODES = 8
-"""Slowest modes that are followed; faster ones are hardly excited and decay sooner."""
-
 FURTHER = 0.02
 """Tolerance: way of any joint [rad or m] after which the modes are computed anew; motions are cut into such ways."""
 
 FINE = 24
 """Samples in a period of the fastest mode that is followed."""
 
-MOST_SAMPLES = 200_000
-"""Of a decay: what would take more is of a damping that no arm has."""
-
 SAMPLES = 1024
 """Of a decay that are looked at together."""
-
-SLIGHT = 1e-6
-"""Share of all modes' envelopes below which a mode does not move the tip."""
-
-EXCITED = 0.1
-"""Share of the tolerance from which on a mode counts as excited."""
 
 
 @dataclass(frozen=True)
@@ -244,7 +232,8 @@ def modes_at(arm: Arm, path: Trajectory, row: int, payload: str, loaded: int) ->
     with naming(path.where(row)):
         pushed = wrenches_in(path.wrenches, loaded)
         rest = arm.deflection(path.q[row], payload, covariates=columns, wrenches=pushed)
-        return modes_of(rest.solved, MODES, arm.damping_ratio, driven=True), rest.twists.ravel()
+        # Slowest modes that are followed; faster ones are hardly excited and decay sooner.
+        return modes_of(rest.solved, 8, arm.damping_ratio, driven=True), rest.twists.ravel()
 
 
 def _decayed(modes: Modes, bent: Array, moving: Array, time: float) -> tuple[Array, Array]:
@@ -269,7 +258,7 @@ def _swung(modes: Modes, size: Array, speed: Array, times: Array) -> tuple[Array
 def _settling(arm: Arm, name: str, time: float, modes: Modes, size: Array, speed: Array, within: float) -> Settling:
     """Return the swing of a tip whose modes have (m,) sizes and speeds when the drives stop."""
     reach = envelope(modes, size, speed)
-    excited = reach > EXCITED * within
+    excited = reach > 0.1 * within  # share of the tolerance from which on a mode counts as excited
     last, peak = _swing(arm, modes, size, speed, within)
     if not excited.any():
         return Settling(name, time, 0.0, peak, None, None)
@@ -291,13 +280,13 @@ def _swing(arm: Arm, modes: Modes, size: Array, speed: Array, within: float) -> 
     nearly one frequency are farthest off together long after the drives stop.
     """
     reach, rates = envelope(modes, size, speed), 2.0 * np.pi * modes.frequencies * modes.damping_ratios
-    moving = reach > SLIGHT * reach.sum()
+    moving = reach > 1e-6 * reach.sum()  # share of all modes' envelopes below which a mode does not move the tip
     if not moving.any():
         return 0.0, 0.0
     step, period = 1.0 / (FINE * float(modes.frequencies[moving][-1])), 1.0 / float(modes.frequencies[0])
     last, peak, begun = 0.0, 0.0, 0
     while begun * step < period or reach @ np.exp(-rates * begun * step) > min(within, peak):
-        if begun > MOST_SAMPLES:
+        if begun > 200_000:  # of a decay: what would take more is of a damping that no arm has
             longer = "a wider tolerance" if arm.damping_ratio else "[robot] damping_ratio, or a wider tolerance"
             text = f"the swing lasts longer than {begun * step:.3g} s with a damping ratio of"
             raise InputError(f"{text} {float(modes.damping_ratios[0]):.3g}: state {longer}")

@@ -5,8 +5,6 @@ The root S, with covariance S S', is any square matrix: a reading costs two thin
 never lose its sign by rounding. Without drift the result is that of least squares on all readings together.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """What a tracker tracks: an arm's fitted parameters as blocks, where they start, and what a reading says of them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -44,9 +42,6 @@ CURVED, TURNED = 0.1, 2e-3
 
 WIDE = 1e4
 """Standard deviation along a direction of which nothing is known, by the size of a change: metres, and a radian."""
-
-UNINFORMED = 0.25
-"""Part of such a direction's variance that is left where no reading has informed on it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +123,8 @@ class StateSpace:
         """Return the arm at (P,) values with their covariance, open where no reading informed on them."""
         along = np.linalg.pinv(self.wide.T)
         left, turn = np.linalg.eigh(along @ covariance @ along.T)
-        unknown = (turn.T @ self.wide)[left > UNINFORMED]
+        # Part of such a direction's variance that is left where no reading has informed on it.
+        unknown = (turn.T @ self.wide)[left > 0.25]
         certainty = Certainty(self.parameters, covariance)
         if len(unknown):
             others = np.eye(len(covariance)) - unknown.T @ np.linalg.pinv(unknown.T)

@@ -22,9 +22,6 @@ from armflex.track.state_space import LinearisedView, StateSpace, model_of
 from armflex.track.tracker_file import LAYOUT, TrackerState, read_state, write_state
 from armflex.track.watch import WINDOW, Anchor, Change, Watch, contradicted, fainter, seek
 
-KEPT = 100
-"""Changes that are remembered."""
-
 EVERY, PATIENCE = 16, 0.02
 """Drift is added to the covariance at every sixteenth reading at the latest, and before a reading where it has come to
 this part of a parameter's variance: a new square root costs more than a reading."""
@@ -349,7 +346,7 @@ class Tracker:
         parameters = tuple(model.parameters[i] for i in places)
         std, others = step.std / factor[places], step.others
         change = Change(parameters, step.probability, state.count, since, size, std, others)
-        state.changes = [*state.changes, change][-KEPT:]
+        state.changes = [*state.changes, change][-100:]  # changes that are remembered
         return change
 
 

@@ -6,8 +6,6 @@ the density of the readings since an earlier estimate (Willsky and Jones 1976, w
 hypothesis, also that nothing changed, a reading that all others contradict counts as lost.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -42,17 +40,8 @@ SURE, CLEAR = 0.99, 0.95
 FEWEST, MOST = 3, 10
 """Readings after a change before it can be announced, and after which it is whether or not one law stands out."""
 
-FORESEEN = 1.0
-"""Variance of what is expected of a reading, by that of its noise, below which it counts as predicted."""
-
 LONGEST = 48
 """Readings after which nothing is unsettled."""
-
-FAINTEST = 1e-5
-"""Part of its residual below which a reading counts for nothing."""
-
-PROMISING = 8
-"""Laws that are weighed with lost readings left out; the others explain the readings too badly."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -196,7 +185,8 @@ class Watch:
         self.window.append(seen)
         self.weights.append(weight)
         self.readings.append(reading)
-        self.unsettled = self.unsettled - 1 if expected_variance < FORESEEN and self.part == 1.0 else FEWEST
+        # Variance of what is expected of a reading, by that of its noise, below which it counts as predicted.
+        self.unsettled = self.unsettled - 1 if expected_variance < 1.0 and self.part == 1.0 else FEWEST
 
     def recentre(self, step: Array, factor: Array) -> None:
         """Take in that the arm is linearised elsewhere; see `recentred`."""
@@ -261,7 +251,8 @@ def contradicted(window: Sequence[LinearisedReading], before: Estimate) -> tuple
     while True:
         task = _task([fainter(seen, part) for seen in window], before)
         lost = task.explained(task.inverse).lost
-        if lost.sum() <= max(1, len(lost) // 2) or part < FAINTEST:
+        # Part of its residual below which a reading counts for nothing.
+        if lost.sum() <= max(1, len(lost) // 2) or part < 1e-5:
             return lost.tolist(), part
         part *= 0.5
 
@@ -304,7 +295,8 @@ class _Task:
             factor = np.linalg.cholesky(np.eye(len(sizes)) + information * np.outer(sizes, sizes))
             along = np.linalg.solve(factor, sizes * pull[what.places])
             gains.append(float(0.5 * along @ along - np.log(np.diag(factor)).sum()))
-        return [changeables[i] for i in np.argsort(gains)[: -PROMISING - 1 : -1]]
+        # Laws that are weighed with lost readings left out; the others explain the readings too badly.
+        return [changeables[i] for i in np.argsort(gains)[:-9:-1]]
 
     def jump(self, what: Changeable, start: int) -> Array:
         """Return the (3 n, k) change of the errors per expected size of a jump before the reading at `start`."""

@@ -1,7 +1,5 @@
 """Interleaved timing against Pinocchio's own calls on the rigid arm, in one process."""
 
-from __future__ import annotations
-
 import os
 import platform
 import time

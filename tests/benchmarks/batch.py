@@ -3,8 +3,6 @@
 OPENBLAS_NUM_THREADS=1 python tests/benchmarks/batch.py
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 import time

@@ -5,8 +5,6 @@ two nodes at every joint. Nodes follow each other along the arm, so the stiffnes
 Loads act where they did before the arm sagged: this is the textbook's answer, of first order.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

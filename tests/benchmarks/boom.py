@@ -5,8 +5,6 @@ along x, y, z, then hinges about x, y, z, in series. That is another convention 
 single-axis flexures in series has the peers' own.
 """
 
-from __future__ import annotations
-
 import sys
 from dataclasses import dataclass
 from pathlib import Path

@@ -5,8 +5,6 @@ A row of a batch on one thread, a row with all its sensitivities, a prepared cal
 OPENBLAS_NUM_THREADS=1 python tests/benchmarks/engine.py
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 import time

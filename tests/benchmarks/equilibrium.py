@@ -3,8 +3,6 @@
 python tests/benchmarks/equilibrium.py
 """
 
-from __future__ import annotations
-
 import dataclasses
 import sys
 import warnings

@@ -5,8 +5,6 @@
 OPENBLAS_NUM_THREADS=1 python tests/benchmarks/export_c.py
 """
 
-from __future__ import annotations
-
 import ctypes
 import subprocess
 import sys

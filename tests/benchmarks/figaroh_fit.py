@@ -1,7 +1,5 @@
 """FIGAROH on a campaign: its own robot, configuration, parameters and least squares, as its examples use them."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import io

@@ -11,8 +11,6 @@ rows. It fits elasticity with joint offsets only: with six geometric errors per 
 names of the base frame replace those of the first six parameters, which are the elasticities of a six-axis arm.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 import time
@@ -41,10 +39,7 @@ TRAINED, POSES = 90, 120
 DRIVES = {"J1": (5, 4e-7), "J2": (4, 3e-7), "J3": (4, 4.5e-7), "J4": (3, 1.8e-6), "J5": (4, 2e-6), "J6": (3, 3e-6)}
 """Axis and compliance [rad/Nm] of every drive, as declared."""
 HELD = ("p120", 120.0, (0.15, 0.0, 0.04))
-MODELS = {
-    "offsets, elasticity": Model("joint_offset", True),
-    "geometry": Model("full_params", False),
-}
+MODELS = {"offsets, elasticity": Model("joint_offset", True), "geometry": Model("full_params", False)}
 Line = tuple[str, float, float]
 """What fitted, the held-out RMS [m], the time [s]."""
 

@@ -4,8 +4,6 @@ without springs and with them.
 python tests/benchmarks/mechanism.py
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import replace

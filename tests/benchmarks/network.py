@@ -3,8 +3,6 @@
 OPENBLAS_NUM_THREADS=1 python tests/benchmarks/network.py
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable

@@ -4,8 +4,6 @@ Every function builds a model of a `Boom` once and returns a call that goes from
 position [m]. The posture is part of the model, which armflex is not granted: it is asked with q.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

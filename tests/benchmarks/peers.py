@@ -10,8 +10,6 @@ springs at a joint its convention is another and `off` is the gap between the tw
 these are asked with q, the peers' posture is built into their models. Times are the processor's.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 import time

@@ -6,8 +6,6 @@ law that is curved and nothing but that (a stiffening joint).
 OPENBLAS_NUM_THREADS=1 python tests/benchmarks/query.py
 """
 
-from __future__ import annotations
-
 import gc
 import resource
 import sys

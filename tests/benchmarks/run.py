@@ -6,8 +6,6 @@ A benchmark is a script in this folder that can be run; each prints what its fig
 peer that it would compare with is not installed. One that fails is named, and the others still run.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import subprocess

@@ -9,8 +9,6 @@ R-hat is far from 1 it is an upper bound. `covered` is the share of 2000 x 3 exa
 the 95 % band of the posterior, `rms` the error there.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

@@ -6,8 +6,6 @@ Every start is a new process; the commands take turns; medians, and the quickest
 but hardly the processor's. Aims: 0.5 s of wall time for the import, 0.7 s for the help.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

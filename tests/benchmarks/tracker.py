@@ -3,8 +3,6 @@
 OPENBLAS_NUM_THREADS=1 python tests/benchmarks/tracker.py
 """
 
-from __future__ import annotations
-
 import itertools
 import sys
 import tempfile

@@ -3,8 +3,6 @@
 OPENBLAS_NUM_THREADS=1 python tests/benchmarks/workspace.py [ROWS]
 """
 
-from __future__ import annotations
-
 import resource
 import sys
 import time

@@ -1,7 +1,5 @@
 """How a file of arrays is spoilt: its bytes, and its content with a digest that is made to agree."""
 
-from __future__ import annotations
-
 import copy
 import hashlib
 import json

@@ -3,8 +3,6 @@
 python damaged_tables.py LIBRARY COUNT SEED
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 import warnings

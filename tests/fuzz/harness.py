@@ -13,8 +13,6 @@ time (the environment's HYPOTHESIS_PROFILE chooses). In a module of its own per 
         judge(lambda: read_rows(path), path, lambda rows: {"position": rows.position, "covariance": rows.covariance})
 """
 
-from __future__ import annotations
-
 import copy
 import csv
 import io

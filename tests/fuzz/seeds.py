@@ -1,7 +1,5 @@
 """Valid inputs that the fuzz tests spoil: a small arm with every kind of law, its campaign, and what a fit wrote."""
 
-from __future__ import annotations
-
 import functools
 import tomllib
 import warnings

@@ -1,7 +1,5 @@
 """arm.toml, as declared and as calibrated or traced, spoilt: refused by name, or it deflects and predicts."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping
 from typing import Any

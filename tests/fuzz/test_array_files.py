@@ -1,7 +1,5 @@
 """Spoilt files of arrays, with and without a digest that agrees: refused by name, or what they say is possible."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import fields
@@ -189,10 +187,7 @@ def test_an_indefinite_covariance_is_refused() -> None:
 
 
 def readers() -> dict[str, tuple[bytes, Callable[[Path], object]]]:
-    return {
-        **{name: (data, load_law) for name, data in LAWS.items()},
-        "map": (map_file(), read_map),
-    }
+    return {**{name: (data, load_law) for name, data in LAWS.items()}, "map": (map_file(), read_map)}
 
 
 @pytest.mark.parametrize("name", ["linear", "map"])

@@ -1,7 +1,5 @@
 """Causes that spoilt inputs found, each by its smallest file."""
 
-from __future__ import annotations
-
 import copy
 import datetime
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Spoilt files through the command line, in process: exit code 0, 1 or 2, one line of what is wrong, no traceback."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The engine under AddressSanitizer and UBSan: no table that its checks let pass makes it leave its memory."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

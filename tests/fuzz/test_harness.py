@@ -1,7 +1,5 @@
 """The harness itself: what it must call a failure is one."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

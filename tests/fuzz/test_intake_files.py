@@ -1,7 +1,5 @@
 """Files as people have them, spoilt: logs, exports, workbooks, bags, motion captures, traces."""
 
-from __future__ import annotations
-
 import functools
 import io
 import tempfile

@@ -1,7 +1,5 @@
 """Tables of text, spoilt: campaigns, trajectories, joint data, exported points, Parquet."""
 
-from __future__ import annotations
-
 import functools
 import io
 from collections.abc import Mapping

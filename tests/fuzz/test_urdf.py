@@ -1,7 +1,5 @@
 """URDF, spoilt: refused by name, or the arm of it deflects in numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Calibrations of resampled campaigns: their spread against what a fit says of itself, right or wrong."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

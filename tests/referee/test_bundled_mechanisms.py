@@ -1,7 +1,5 @@
 """The bundled machines with loops: they close on all of their paths, and rest where MuJoCo's own equation has them."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

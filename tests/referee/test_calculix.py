@@ -1,7 +1,5 @@
 """CalculiX 2.20's stiffness and mass matrices of small curved meshes, as it stored them, against ours."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Calibration recovers what an unrelated plant was given, within its own uncertainties."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re

@@ -1,7 +1,5 @@
 """Paths that leave little swing, against MuJoCo with springs and dampers at the joints, also where the model is off."""
 
-from __future__ import annotations
-
 import ctypes
 import subprocess
 from dataclasses import replace

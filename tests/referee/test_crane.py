@@ -4,8 +4,6 @@ In CalculiX the bars of each pose are joined by rigid bodies at their end faces,
 displacements that it gave are stored here.
 """
 
-from __future__ import annotations
-
 import time
 import warnings
 from dataclasses import replace
@@ -153,10 +151,7 @@ def test_a_query_is_as_quick_as_with_flexures(folder: Path) -> None:
         ('[link.l1]\nfile = "l2.toml"\n', "0.2 m from joint 'j2'"),
         ('[link.l1]\nfile = "l1.toml"\nrpy = [0.0, 1.5708, 0.0]\n', "say with xyz and rpy where the mesh is"),
         ('[link.l1]\nfil = "l1.toml"\n', "[link.l1] needs 'file'"),
-        (
-            '[link.l1]\nfile = "l1.toml"\n[flexure.l1]\njoint = "j1"\njoint_stiffness = 1e7\n',
-            "choose another",
-        ),
+        ('[link.l1]\nfile = "l1.toml"\n[flexure.l1]\njoint = "j1"\njoint_stiffness = 1e7\n', "choose another"),
         ('[link.l1]\nfile = "none.toml"\n', "none.toml: cannot be read"),
     ],
 )

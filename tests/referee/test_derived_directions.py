@@ -1,7 +1,5 @@
 """A campaign that does not say from which side joints came: what a trace took from its rows' order is taken again."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """With the true machine's parameters and the true effect's, the library reads what an unrelated plant reads."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One draw of `tests/studies/learned.py`, a black box beside it, and the picture of the laws."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from studies.learned import (

@@ -1,7 +1,5 @@
 """How a boom that gets longer swings after a calibration on its sag alone, against a beam of finite elements."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.linalg import eigh

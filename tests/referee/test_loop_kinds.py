@@ -1,7 +1,5 @@
 """MuJoCo as referee of a machine with everything; what its loops hold is written here in world axes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco
@@ -58,10 +56,8 @@ def test_a_machine_with_everything_rests_where_mujoco_has_it(way: str, tmp_path:
             if kind in ("revolute", "cylindrical"):
                 y = np.array(Y)
                 other = (back @ turns[1] @ loop.turn_to) @ y
-                angles, turning = (
-                    np.cross(y, other),
-                    np.cross(y, np.cross((back @ (moved[1][1] - moved[0][1])).T, other)).T,
-                )
+                angles = np.cross(y, other)
+                turning = np.cross(y, np.cross((back @ (moved[1][1] - moved[0][1])).T, other)).T
             rows = holds(kind)
             ways.append(rows @ np.concatenate([back @ (moved[1][0] - moved[0][0] - carried_along), turning]))
             gaps.append(rows @ np.concatenate([back @ apart, angles]))

@@ -1,7 +1,5 @@
 """Exudyn's static solver as referee of loops, cylinders and springs: a tree with joints and spring-dampers."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

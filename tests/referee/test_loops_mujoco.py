@@ -1,7 +1,5 @@
 """MuJoCo as referee of loops and cylinders: its own equation where armflex has the machine, and its own solution."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

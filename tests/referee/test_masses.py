@@ -1,7 +1,5 @@
 """Frequencies tell masses from stiffnesses: on a machine that MuJoCo simulates."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.sprung_campaign import declared, machine

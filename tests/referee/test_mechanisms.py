@@ -3,8 +3,6 @@
 `tests/studies/mechanisms.py` counts over many of them.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -44,10 +42,8 @@ def test_a_spring_is_found_as_it_was_built(tmp_path):
     found = armflex.calibrate(arm, campaign(machine, arm, truth, 45, rng, tmp_path / "read.csv"))
     known = {"spring balancer rate": 0.08, "spring balancer length": -4e-3, "joint_offset lower": 1e-3}
     known |= {"compliance lower ry": np.log(1.2)}
-    std, values = (
-        std_of(found.arm),
-        {one.label: found.arm.found(one) for one in found.arm.certainty.parameters if one.label in known},
-    )
+    std = std_of(found.arm)
+    values = {one.label: found.arm.found(one) for one in found.arm.certainty.parameters if one.label in known}
     for label, value in known.items():
         assert abs(values[label] - value) < 3.5 * std[label], label
     assert std["spring balancer rate"] < 0.5 * 0.1

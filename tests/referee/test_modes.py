@@ -1,7 +1,5 @@
 """Frequencies and shapes against MuJoCo (mass matrix, differences of its forces), Exudyn, and a closed form."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import replace

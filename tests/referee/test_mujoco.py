@@ -7,8 +7,6 @@ three hinges would be another convention, some tenths of a millimetre away.) The
 dampers come to rest.
 """
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Sequence
 

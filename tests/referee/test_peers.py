@@ -4,8 +4,6 @@ Slides and hinges in series, as MuJoCo and Exudyn have them, are single-axis fle
 springs at its joints is right to first order, so what it misses must fall with the square of the sag.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

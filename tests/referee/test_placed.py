@@ -1,7 +1,5 @@
 """Where the instrument stands: every session by itself, and what a level one knows of gravity."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The measured machine of the other tests is what it says: mechanics, closed forms, sizes, files."""
 
-from __future__ import annotations
-
 import csv
 import json
 import tomllib

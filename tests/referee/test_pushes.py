@@ -3,8 +3,6 @@
 The machine is plain numpy and shares no code with armflex; its forces act on its bodies as `force_*` columns say.
 """
 
-from __future__ import annotations
-
 import functools
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A target that every session mounts anew: found session by session, kept, and uncertain where nobody saw it yet."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

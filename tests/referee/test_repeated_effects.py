@@ -1,7 +1,5 @@
 """Several effects of one law at one place of an arm: every parameter keeps its own name, value and certainty."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -4,8 +4,6 @@ The other robots are those of the example-robot-data package. Each file that is 
 that a stricter or a laxer front door is noticed.
 """
 
-from __future__ import annotations
-
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """MuJoCo as referee of what hangs beside the chain: what the torso carries with another arm where the row has it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

@@ -1,7 +1,5 @@
 """How long a tip swings after a move, against MuJoCo with springs and dampers at the joints."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Campaigns of one machine on several sites, from a plant of its own mechanics: what they tell together."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 Its own equation, springs and tendons against gravity, is compared at armflex's equilibrium, and solved here by itself.
 """
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

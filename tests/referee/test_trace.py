@@ -1,7 +1,5 @@
 """Tracing names what was hidden; and its parts are what they say, against brute force."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Lost beams and effects: what is far off by itself is left out, what is far off in company is traced, all is told."""
 
-from __future__ import annotations
-
 import tomllib
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Tracing with orientations, read in some rows: what counts as a reading, and nothing where nothing is."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Several causes at once: all are named, what was set aside is withdrawn, and sizes are those that machines have."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

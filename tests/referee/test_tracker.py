@@ -1,7 +1,5 @@
 """The tracker against least squares on all readings, the batch calibration, and a machine that shares no code."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """What a tracker makes of mistakes: gross first readings, absurd numbers, and directions that nobody determined."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -6,8 +6,6 @@ The CSV is of `study.py`. Every machine in it is drawn again, and fitted with th
 effects are: nothing else can be selected, and values inside laws are refined as ever.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 import warnings

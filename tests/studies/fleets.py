@@ -10,8 +10,6 @@ with the fleet's true mean and spread as the prior; and how often a stranger wit
 --planned the 12 rows are those that `plan` asks for, of each prior its own.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import tempfile

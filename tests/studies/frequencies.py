@@ -3,8 +3,6 @@
 python tests/studies/frequencies.py [MACHINES]
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

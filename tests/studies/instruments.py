@@ -14,8 +14,6 @@ truth alone, the other one alone or nothing, and how often the level or wire tha
 `accelerometers`: those of the Hilti machine beside its positions, and what is found with them and without.
 """
 
-from __future__ import annotations
-
 import os
 
 os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -43,7 +41,7 @@ from support.small_arms import ROBOTS
 from armflex import Arm, Measurements, calibrate, load_arm, plan, predict, read_measurements, trace
 from armflex.conventions import TWIST_NAMES
 from armflex.estimate import Calibration
-from armflex.plan.hypotheses import spelled
+from armflex.plan.effects_in_question import spelled
 from armflex.plan.instruments import declaration
 from armflex.readings.instrument import fit_frame
 from armflex.trace.findings import Trace

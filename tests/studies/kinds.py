@@ -6,8 +6,6 @@ Each kind of effect of the plant is hidden alone in so many machines, and nothin
 stated is right where the hidden effect is one of its laws (`OF`). Prints a line for each machine and the counts.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import tempfile

@@ -8,8 +8,6 @@ error without that noise; and of the error over the uncertainty stated. Where po
 made again.
 """
 
-from __future__ import annotations
-
 import os
 
 os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")

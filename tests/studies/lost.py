@@ -3,8 +3,6 @@
 python tests/studies/lost.py --draws 100
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import tempfile

@@ -6,8 +6,6 @@
 One line per machine as it finishes, then the counts. CPU: about a minute a machine.
 """
 
-from __future__ import annotations
-
 import os
 
 os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")

@@ -7,8 +7,6 @@ joints and loads to machines of the plant with one undeclared effect each as wel
 that are given by pairs. A fault that moves the readings no further than the arm as it stands explains cannot be named.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import warnings

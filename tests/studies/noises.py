@@ -7,8 +7,6 @@ Machines of the plant with nothing hidden, or with one effect each of `--beside`
 named at 0.9 and more, and of each kind how many machines have a name, or, beside an effect, have that one.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import tempfile

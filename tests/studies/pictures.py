@@ -9,8 +9,6 @@ Arms are drawn with zeros off by 2.5 degrees, links by a millimetre, drives that
 at every servo. Everything is the command line's: trace, and predictions of 30 pictures that it never had.
 """
 
-from __future__ import annotations
-
 import csv
 import subprocess
 import sys

@@ -32,7 +32,7 @@ from armflex.estimate.fit import fit
 from armflex.estimate.placement import first_guess
 from armflex.estimate.view import look
 from armflex.linear_gaussian import LinearGaussian
-from armflex.plan.hypotheses import named_effect
+from armflex.plan.effects_in_question import named_effect
 from armflex.plan.planned_rows import Plan
 
 SIGMA = 2e-4  # m

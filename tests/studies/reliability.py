@@ -6,8 +6,6 @@
 Every name of every credible set counts once, and so does that nothing is missing.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Sequence

@@ -11,8 +11,6 @@ held-out poses, before and after. Seconds are those of the processor, user and s
 changes little; where it has nothing else to do they are the time that passes.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import json

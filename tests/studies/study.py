@@ -7,8 +7,6 @@ With `--effects` each machine has so many effects at once. One row per draw is a
 that it holds already are not made again.
 """
 
-from __future__ import annotations
-
 import os
 
 os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")

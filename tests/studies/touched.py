@@ -7,8 +7,6 @@ Functions are those with `def` or `lambda`, methods and properties included; com
 `trace` is of the bundled arm's campaign. With -v every file is told with the functions of it that ran.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import io

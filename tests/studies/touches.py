@@ -8,8 +8,6 @@ be one point: the score is the mean distance of the touching point from the mean
 sockets, which the fit has not seen there, are compared with the one that is declared.
 """
 
-from __future__ import annotations
-
 import argparse
 import warnings
 from pathlib import Path

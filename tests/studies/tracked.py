@@ -3,8 +3,6 @@
 python tests/studies/tracked.py --runs 20 --quiet 20000
 """
 
-from __future__ import annotations
-
 import os
 
 os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")

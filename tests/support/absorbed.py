@@ -1,7 +1,5 @@
 """How much of an undeclared effect calibration hides: its share that no permitted change of the declaration makes."""
 
-from __future__ import annotations
-
 import copy
 from dataclasses import dataclass
 

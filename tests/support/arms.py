@@ -1,7 +1,5 @@
 """Whole arms of every shape: bundled, crooked, corrected, with networks."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Joint data of a test bench that never was, and the laws that are trained on such."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

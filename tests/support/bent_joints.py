@@ -1,7 +1,5 @@
 """Campaigns of arms some of whose joints follow laws that nobody declared: stiffening, yielding, even in the load."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What people do instead of a model: a network from joint positions and payload to the tip's displacement."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """The files of a campaign: the declared arm, what was measured, and what was true."""
 
-from __future__ import annotations
-
 import csv
 import tomllib
 from dataclasses import dataclass

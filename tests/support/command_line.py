@@ -1,7 +1,5 @@
 """The command line as tests ask it: how it is run, what must come of it, and JSON as strict readers read it."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

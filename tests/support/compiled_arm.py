@@ -1,7 +1,5 @@
 """An arm exported as C, compiled as strictly as it is promised, and asked through ctypes."""
 
-from __future__ import annotations
-
 import ctypes
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """heavy_six with [[effect]] tables of a test's own."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import warnings

@@ -1,7 +1,5 @@
 """Every kind of law, alone and with effects, for the joints of `small_arms.three_joints`."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from armflex.laws import AtNode, Law, LinearLaw, PositionDependentLaw

@@ -1,7 +1,5 @@
 """Exported files as their readers have them: small independent parsers and kinematics, sharing no code with armflex."""
 
-from __future__ import annotations
-
 import csv
 import io
 import re

@@ -1,7 +1,5 @@
 """Logs of controllers and exports of trackers of one campaign, as their programs write them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A tree that MuJoCo has compiled, built in Exudyn with springs as drives: its linearisation gives frequencies."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 from scipy.linalg import eigvals

@@ -1,7 +1,5 @@
 """What every test may ask for: the bundled arms with their trajectories, and the command line."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 from functools import partial

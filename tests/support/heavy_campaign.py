@@ -1,7 +1,5 @@
 """heavy_six with payloads and a prior of a test's own."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Every law that can be learned on the whole arm, as declared and with its values somewhere."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from armflex.laws import AtNode, Beam, Law, LinearLaw, PositionDependentLaw, Row, Section, StructuralLaw, SubJoint

@@ -1,7 +1,5 @@
 """Linear problems of a few columns, as hypotheses that compete."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from armflex.laws.effects.backlash import BACKLASH

@@ -10,8 +10,6 @@ end, C the laws' tangent, G the geometric stiffness and E the derivative of exp6
 Of an arm with loops `Mechanism.linear` has the same, and how it answers to what opens them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

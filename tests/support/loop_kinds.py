@@ -2,8 +2,6 @@
 passive joints, and what gives across their axes.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 

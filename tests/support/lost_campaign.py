@@ -2,8 +2,6 @@
 upright and bends, so that hardly any load shows by how much.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Machines with loops, springs and cylinders: as files of this package, as MuJoCo's models and as Exudyn's."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -176,11 +174,7 @@ CRANE = Machine(
         "boom": Hinge("mast", "boom", (0.3, 0.0, 1.5), Y, passive=True),
         "jib": Hinge("boom", "jib", (3.0, 0.0, 0.0), Y, passive=True),
     },
-    bodies={
-        "mast": (800.0, (0.0, 0.0, 0.8)),
-        "boom": (500.0, (1.4, 0.0, 0.1)),
-        "jib": (300.0, (1.1, 0.0, 0.0)),
-    },
+    bodies={"mast": (800.0, (0.0, 0.0, 0.8)), "boom": (500.0, (1.4, 0.0, 0.1)), "jib": (300.0, (1.1, 0.0, 0.0))},
     gives={"slew": (Z, 2e6), "boom": (Z, 1.5e6), "jib": (X, 4e5)},
     cylinders={
         "lift": ("mast", (0.4, 0.0, 0.4), "boom", (1.2, 0.0, -0.2), 2e7, 0.9, 2.2),

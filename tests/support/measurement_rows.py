@@ -1,7 +1,5 @@
 """Rows of a campaign as its file holds them."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

@@ -4,8 +4,6 @@ Where a machine rests is the root of MuJoCo's own equation, with what its pins d
 the forces in loops, and a pin gaps by what it gives and by its play.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -158,10 +156,8 @@ class Plant:
                 for name in self.machine.cylinders:
                     way, moved = between(name)
                     length = np.linalg.norm(way)
-                    gaps, ways = (
-                        np.append(gaps, length - passing[name]),
-                        np.vstack([ways, (way / length @ moved)[free]]),
-                    )
+                    gaps = np.append(gaps, length - passing[name])
+                    ways = np.vstack([ways, (way / length @ moved)[free]])
                 step = np.linalg.lstsq(ways, gaps, rcond=1e-2)[0]
                 here = here - step
                 if np.abs(step).max() < 1e-9:

@@ -1,7 +1,5 @@
 """Meshes of bars for tests: structured solids written as .inp, and what beams of them do."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Campaigns written in another convention than their arm's: what is done to them, and what should be said of it."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Campaigns of one machine of three joints on several sites: base, level instrument and target anew in each."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,10 +33,7 @@ class Site:
     count: int = 40
 
 
-SITES = {
-    "flat": Site(),
-    "hill": Site((0.15, -0.1, 0.0), 2.1, (0.004, -0.002, 0.003)),
-}
+SITES = {"flat": Site(), "hill": Site((0.15, -0.1, 0.0), 2.1, (0.004, -0.002, 0.003))}
 
 
 def declare(folder: Path, prior: str = "joint_offset = 1e-3\ncompliance = 0.2\ntool = 0.005") -> Path:

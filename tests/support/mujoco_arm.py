@@ -1,7 +1,5 @@
 """A bundled arm as MuJoCo knows it: shares no code with the package that it judges."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -103,12 +101,7 @@ class Referee:
         return self.wrenches(model, data, names, twists, pushes), twists, self.tip(model, data)
 
     def wrenches(
-        self,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-        names: list[str],
-        twists: np.ndarray,
-        pushes: Sequence[Wrench],
+        self, model: mujoco.MjModel, data: mujoco.MjData, names: list[str], twists: np.ndarray, pushes: Sequence[Wrench]
     ) -> np.ndarray:
         """Put the flexures at exp6 of their twists; return the wrench on each in its moved frame."""
         slides = [[model.joint(f"{name}/{axis}") for axis in "xyz"] for name in names]

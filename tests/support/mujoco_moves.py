@@ -1,7 +1,5 @@
 """Moves of bundled arms whose drives are springs and dampers, and how their tips swing afterwards, as MuJoCo has it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """A page as a real browser draws it."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

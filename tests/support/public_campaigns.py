@@ -1,7 +1,5 @@
 """Campaigns that others published: read from the folder that ARMFLEX_PUBLIC names, and skipped where it names none."""
 
-from __future__ import annotations
-
 import os
 import tempfile
 from functools import cache

@@ -1,7 +1,5 @@
 """Recordings of one arm that drives from pose to pose: bags, motion captures, traces, as each program writes them."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Pictures of a printed board by MuJoCo, as the servo arm's camera takes them; its lens has no distortion."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """One drawn campaign traced, and the account judged against what was hidden in it."""
 
-from __future__ import annotations
-
 import tempfile
 import time
 import traceback

@@ -1,7 +1,5 @@
 """A simulated six-axis arm: a UR5 with errors of zeros and geometry that its arm.toml does not have."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """URDF text and small arms that the tests build on; every part stands on a line of its own."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A palletizing arm whose lower arm hangs on a spring: its URDF and what its springs are."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,12 +20,7 @@ SOFTNESS = {"turn": 2e-6, "lower": 3e-6, "upper": 4e-6}
 
 TOOL = (1.3, 0.0, 0.0)
 BALANCER = Spring(
-    "balancer",
-    "column",
-    np.array([-0.25, 0.1, -0.1]),
-    "arm",
-    np.array([0.05, 0.02, 0.7]),
-    CoilSpring(60e3, 0.6),
+    "balancer", "column", np.array([-0.25, 0.1, -0.1]), "arm", np.array([0.05, 0.02, 0.7]), CoilSpring(60e3, 0.6)
 )
 TIE = Spring("tie", "base", np.array([0.3, 0.6, 0.1]), "fore", np.array([0.4, 0.1, 0.0]), CoilSpring(8e3, 1.1, 2e3))
 STRUT = replace(BALANCER, name="strut", law=GasSpring(9e6, 1.2e-3, 1.0, 1.3))

@@ -1,7 +1,5 @@
 """Campaigns of machines that MuJoCo simulates: positions in thirty poses, and frequencies in ten more."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

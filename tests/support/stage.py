@@ -1,7 +1,5 @@
 """A short campaign of one arm, looked at, and effects of every law at work in it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,7 +20,7 @@ from armflex.laws.effects.guide import GUIDE
 from armflex.laws.effects.in_arm import bending
 from armflex.laws.effects.pin_play import PIN_PLAY
 from armflex.laws.effects.support_lift import SUPPORT_LIFT
-from armflex.laws.effects.telescope import TELESCOPE
+from armflex.laws.effects.telescope_bending import TELESCOPE_BENDING
 from armflex.laws.effects.unnamed import PRODUCT, WAVE_PRODUCT
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
@@ -155,7 +153,9 @@ def some_effects(law: EffectLaw, stage: Stage, count: int, shift: float = SHIFT)
         if len(found) == count:
             return found
     slides = any(joint.kind == "prismatic" for joint in stage.context.robot.jointed)
-    if (law in (GUIDE, TELESCOPE) and not slides) or (law.name in MECHANICAL and not stage.context.robot.linkage):
+    if (law in (GUIDE, TELESCOPE_BENDING) and not slides) or (
+        law.name in MECHANICAL and not stage.context.robot.linkage
+    ):
         assert not locations
         pytest.skip("nothing slides, or no loop is closed")
     assert found, law.name
@@ -167,7 +167,7 @@ def is_loaded(law: EffectLaw, location: Location, stage: Stage) -> bool:
     if not law.of_load(location):
         return True
     suffixes = [law.amplitudes[i].name.rpartition("_")[2] for i in location.terms]
-    if law in (TELESCOPE, PIN_PLAY, SUPPORT_LIFT):
+    if law in (TELESCOPE_BENDING, PIN_PLAY, SUPPORT_LIFT):
         return True  # whatever axis a beam or a pin is loaded on; a stop at an angle bears any load
     named = {location.axis, location.partner, *suffixes} & set(TWIST_NAMES)
     wanted = [TWIST_NAMES.index(axis) for axis in named or ("rx", "ry", "rz")]

@@ -1,7 +1,5 @@
 """Composed joints that several tests ask: as text of a file, and as a law."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """An arm of three joints, what stands there instead, and campaigns of it read from one place."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A quarter of a campaign in which a joint has backlash, calibrated: where a trace begins."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

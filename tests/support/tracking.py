@@ -1,7 +1,5 @@
 """A machine to be tracked: the boom as declared and the plant that stands there."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path

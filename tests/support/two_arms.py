@@ -1,7 +1,5 @@
 """A torso that gives, with the arm that is asked about and another beside it: what a column moves off the chain."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """An arm of two links that is good until a test spoils it: its URDF, its arm.toml."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 

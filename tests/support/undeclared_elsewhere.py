@@ -1,7 +1,5 @@
 """Undeclared effects of links, base, tool and instrument, and loads that nobody declared."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Undeclared effects of joints: of the motion itself, of the flexure under load, and with a memory."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

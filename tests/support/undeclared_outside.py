@@ -1,7 +1,5 @@
 """Effects that no catalogue names, and the list of all makers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

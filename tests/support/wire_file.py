@@ -1,7 +1,5 @@
 """Wire lengths of a small six-axis arm known by its DH numbers alone, as laboratories hand them on; numpy only."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

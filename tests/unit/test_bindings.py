@@ -1,7 +1,5 @@
 """Names that say nothing of what they hold: how often the package binds them may fall, not rise."""
 
-from __future__ import annotations
-
 import ast
 from collections import Counter
 from pathlib import Path

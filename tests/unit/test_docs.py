@@ -5,8 +5,6 @@ is special about it: `<!-- file: NAME -->` it is that file, `<!-- exit 1 -->` it
 it takes its time, `<!-- not run: WHY -->`.
 """
 
-from __future__ import annotations
-
 import re
 import shlex
 import tomllib

@@ -1,7 +1,5 @@
 """README, pages and pictures state one figure for one thing: that of docs/results/figures.toml, with its command."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from pathlib import Path

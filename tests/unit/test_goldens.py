@@ -1,7 +1,5 @@
 """Every command says on the bundled arms what it said before; `goldens.py` says how the files are made anew."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

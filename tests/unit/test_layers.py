@@ -1,7 +1,5 @@
 """Imports point down only: a room imports from the rooms that stand before it, type-checking imports included."""
 
-from __future__ import annotations
-
 import ast
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Numbers with a name that estimating and tracing rest on: each is of a kind, and no name is two numbers."""
 
-from __future__ import annotations
-
 import ast
 from collections import defaultdict
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Names are text: an arm and its campaign whose every name would be markup, a formula or a script to somebody."""
 
-from __future__ import annotations
-
 import csv
 import json
 import sys

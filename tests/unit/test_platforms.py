@@ -1,7 +1,5 @@
 """Other systems: consoles and locales without UTF-8, lines that end in CR LF, modules that only POSIX has."""
 
-from __future__ import annotations
-
 import ast
 import os
 import subprocess

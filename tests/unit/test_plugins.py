@@ -1,7 +1,5 @@
 """What other distributions add: the template installed and at work, and what is wrong with others named."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

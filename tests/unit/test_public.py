@@ -1,7 +1,5 @@
 """Real machines: the public UR5 and WAM, where they are there, and the converters of published layouts."""
 
-from __future__ import annotations
-
 import csv
 import re
 import runpy

@@ -1,7 +1,5 @@
 """Results show themselves on a few lines and in a notebook, and give plain values; the package shows its names."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable

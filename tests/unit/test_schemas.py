@@ -1,7 +1,5 @@
 """The schemas say what the readers say: of the examples, of spoilt files, and of what commands write."""
 
-from __future__ import annotations
-
 import copy
 import json
 import random

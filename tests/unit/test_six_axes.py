@@ -1,7 +1,5 @@
 """A simulated arm with three parallel axes, calibrated and traced: what is told apart, and what is not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -3,8 +3,6 @@
 Times are not asserted here; `python tests/benchmarks/startup.py` prints them.
 """
 
-from __future__ import annotations
-
 import ast
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """What a flag says to those who do not look at flags is said once in a process, wherever it is asked from."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

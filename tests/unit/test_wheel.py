@@ -1,7 +1,5 @@
 """The wheel holds what the package needs where no checkout is: robots, pages, and the mark of a typed package."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

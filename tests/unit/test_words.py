@@ -1,7 +1,5 @@
 """Documentation, docstrings and messages use none of the words that docs/glossary.md lists as not used."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Given the wrong kind of thing every public function says so, and never fails somewhere inside."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """What an installed wheel must answer: one question to the engine, and the same to Pinocchio. Needs no test package."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 About several axes C_b is a symmetric matrix: what stands askew leans sideways, too.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from armflex.laws.effects.context import AXES_TURN, Records
@@ -29,10 +27,6 @@ BASE_COMPLIANCE = TwistLaw(
         *(Amplitude(name, "rad/Nm", positive=True) for name in ("C", "C_rx", "C_ry", "C_rz")),
         *(Amplitude(name, "rad/Nm") for name in CROSSED),
     ),
-    terms=lambda here, inner: [
-        [straight(np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]))],
-        *each_axis(3),
-        *crossed_terms(),
-    ],
+    terms=lambda here, inner: [[straight(np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]))], *each_axis(3), *crossed_terms()],
     depends_on=DependsOn.COMPLIANCE,
 )

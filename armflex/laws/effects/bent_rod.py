@@ -1,7 +1,5 @@
 """A bent rod: a loop's pin is nearer to the joint that its link hangs on than drawn, or farther away."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Candidates: what an arm may lack in a campaign, every law at every location with values inside it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property

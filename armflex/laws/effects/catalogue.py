@@ -1,7 +1,5 @@
 """Every effect that an arm may have, by name: a new one is its file, and its line here or an entry point."""
 
-from __future__ import annotations
-
 from importlib import import_module
 
 from armflex.laws.effects.drive_curve import DRIVE_CURVE
@@ -64,7 +62,7 @@ NAMED = (
     "bent_rod",
     "support_lift",
     "guide",
-    "telescope",
+    "telescope_bending",
 )
 """A file each, whose law has its name in capitals; see `LAWS` for the order."""
 

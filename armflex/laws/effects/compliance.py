@@ -1,7 +1,5 @@
 """Compliance on top of the declared one, missing or wrong: C_aa w_a, on one axis or about several at once."""
 
-from __future__ import annotations
-
 from armflex.laws.effects.context import AXES
 from armflex.laws.effects.effect import Amplitude, DependsOn, Plausible, TwistLaw, Watching, Words
 from armflex.laws.effects.shapes import about_several, at_joints, compliances, each_axis

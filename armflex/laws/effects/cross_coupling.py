@@ -1,7 +1,5 @@
 """Coupling of two axes of a joint: C_ab w_b on a and the same on b, because compliance is symmetric."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np

@@ -3,8 +3,6 @@
 At work they are one table (`Of.TABLE`), and of each curve the same table as of their sum.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any

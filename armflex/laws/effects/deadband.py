@@ -1,7 +1,5 @@
 """Deadband: play that the load takes up, g clip(tau / tau0, -1, 1), on one axis or about several at once."""
 
-from __future__ import annotations
-
 from functools import partial
 
 from armflex.laws.effects.context import AXES_TURN

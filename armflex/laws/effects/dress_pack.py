@@ -1,7 +1,5 @@
 """A dress pack that pulls at a joint: the declared compliance times k (q - q0); q0 is an encoder offset."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from armflex.conventions import Array

@@ -4,8 +4,6 @@ The curve is a sum of sines over the recorded range and some way beyond, at both
 was measured it ends. Their amplitudes have a prior that falls with their number; see `armflex.trace.families`.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

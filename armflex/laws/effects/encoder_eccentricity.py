@@ -1,7 +1,5 @@
 """Eccentric encoder disc or bearing: A sin q + B cos q."""
 
-from __future__ import annotations
-
 from armflex.laws.effects.context import Records
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import Location, with_terms

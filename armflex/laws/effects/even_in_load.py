@@ -1,7 +1,5 @@
 """A twist that is the same way whichever way the load points: c |w_perp|, or c tau^2."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from armflex.laws.effects.effect import Amplitude, DependsOn, Plausible, TwistLaw, Values, Words

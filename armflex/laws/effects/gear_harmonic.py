@@ -1,7 +1,5 @@
 """Transmission error of a gear: A sin kq + B cos kq, k of 2 or more to be found."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from functools import lru_cache
 
@@ -12,9 +10,6 @@ from armflex.laws.effects.effect import Amplitude, Effect, Inner, Manipulator, P
 from armflex.laws.effects.location import Location, with_terms
 from armflex.laws.effects.shapes import at_drives, free_of_aliases, on_drive, own_column, twists
 from armflex.laws.terms import waves
-
-MOST_PERIODS = 24.0
-"""Periods over a joint's driven range beyond which a campaign of some hundred poses determines none."""
 
 
 def _orders(location: Location, context: Context) -> Iterable[float]:
@@ -28,7 +23,8 @@ def _numbers(column: bytes, turns: bool) -> list[float]:
     position = np.frombuffer(column)
     span = float(np.ptp(position)) or 1.0
     least = 2.0 if turns else np.pi / span
-    numbers = np.arange(least, max(least, 2.0 * np.pi * MOST_PERIODS / span), 2.0 * np.pi / span / 3.0)
+    # Periods over a joint's driven range beyond which a campaign of some hundred poses determines none.
+    numbers = np.arange(least, max(least, 2.0 * np.pi * 24.0 / span), 2.0 * np.pi / span / 3.0)
     return [number for number in numbers.tolist() if free_of_aliases(position, number)]
 
 

@@ -1,7 +1,5 @@
 """Gravity does not point where the frame says: turned about base x and y."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

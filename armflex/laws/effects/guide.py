@@ -6,8 +6,6 @@
 and a position-dependent compliance are what this looks like at one position, or over a short way.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

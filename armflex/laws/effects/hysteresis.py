@@ -1,7 +1,5 @@
 """Hysteresis: a play operator of the load, which depends on the rows driven before (Maxwell slip with one element)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A link that is heavier than declared (at its declared centre of mass), or whose centre of mass is elsewhere."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

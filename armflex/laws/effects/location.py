@@ -1,7 +1,5 @@
 """Where an effect acts: a named site and axis of one arm, and what is known about the arm there."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

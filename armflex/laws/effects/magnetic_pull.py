@@ -1,7 +1,5 @@
 """A pull towards a point that falls with distance: F1 / (d^2 + reach^2), with a small reach F1 is that at one metre."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from armflex.conventions import Array

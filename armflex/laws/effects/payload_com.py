@@ -1,7 +1,5 @@
 """A payload whose centre of mass is elsewhere than declared, in the tip frame: one of them, or all."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -3,8 +3,6 @@
 By the same share, the kilograms are those of the heaviest. The mass is at the declared centre of mass.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any

@@ -4,8 +4,6 @@ Of a loop's pin and of a joint without a drive F is the force across the axis, o
 force `seated` the pin is between its sides.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np
@@ -17,9 +15,6 @@ from armflex.laws.effects.location import Here, Location, joint_named
 from armflex.laws.law import embed
 from armflex.laws.terms import NOTHING, Term, power
 from armflex.robot import Robot
-
-SHARES = (0.01, 0.05, 0.2)
-"""Of the largest force, below which a pin is between its sides: to begin a search with."""
 
 
 def _places(records: Records) -> list[Location]:
@@ -47,7 +42,8 @@ def _terms(here: Here, inner: Values) -> list[list[Term]]:
 
 def _seated(location: Location, context: Context) -> Iterable[float]:
     force = np.linalg.norm(context.wrenches[location.site][:, :3] @ across(location.site, context.robot), axis=1)
-    return float(force.max()) * np.array(SHARES) if force.max() > 0.0 else ()
+    # Of the largest force, below which a pin is between its sides: to begin a search with.
+    return float(force.max()) * np.array((0.01, 0.05, 0.2)) if force.max() > 0.0 else ()
 
 
 PIN_PLAY = TwistLaw(

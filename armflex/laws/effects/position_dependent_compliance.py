@@ -1,7 +1,5 @@
 """Compliance that changes with the joint's position: (C1 q + C2 q^2) w along one axis."""
 
-from __future__ import annotations
-
 from armflex.laws.effects.effect import Amplitude, DependsOn, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import Location, with_terms
 from armflex.laws.effects.shapes import compliances, on_axis, own_column

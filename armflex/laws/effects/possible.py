@@ -5,8 +5,6 @@ or the joint would make energy. A coupling needs compliance on both of its axes,
 around. Half of the rows must agree, because a polynomial fits them, not its end.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

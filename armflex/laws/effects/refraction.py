@@ -6,8 +6,6 @@ at a distance d and a zenith distance z. A temperature that falls by 1 K per met
 (Ciddor 1996: the refractivity of air falls by 1 ppm per K).
 """
 
-from __future__ import annotations
-
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.laws.effects.context import Records

@@ -4,8 +4,6 @@ Its values are shift and rotation vector of the instrument's frame in the sessio
 point that would be read as p there is read as exp(w) p + t.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the laws of the catalogue have in common: shapes along an axis, lagged columns, and where a law makes sense."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
@@ -13,9 +11,6 @@ from armflex.laws.effects.effect import Effect, Inner, Manipulator, Memory, Valu
 from armflex.laws.effects.location import TOOL, Here, Location, drive_axis
 from armflex.laws.terms import UNITS, Factor, Term, powers, straight
 from armflex.rows.rows import TIME
-
-LAGS = (600.0, 1800.0, 5400.0, 10800.0)
-"""Time constants to begin a search with [s]: hours for links of a tonne."""
 
 REFERENCE = 20.0
 """Temperature at which machines are made [deg C]."""
@@ -122,7 +117,8 @@ def lag_grid(location: Location, context: Context) -> Iterable[float]:
     if not context.timed:
         return (0.0,)
     span = float(np.ptp(context.column("time")))
-    return (0.0, *(lag for lag in LAGS if lag < span))
+    # Time constants to begin a search with [s]: hours for links of a tonne.
+    return (0.0, *(lag for lag in (600.0, 1800.0, 5400.0, 10800.0) if lag < span))
 
 
 def shows_lag(effect: Effect, context: Context, arm: Manipulator) -> bool:

@@ -1,7 +1,5 @@
 """A joint that slipped: a step at a time to be found."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A joint that stiffens (or softens) with its load: c2 tau|tau| and c3 tau^3."""
 
-from __future__ import annotations
-
 from armflex.laws.effects.effect import Amplitude, DependsOn, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, with_terms
 from armflex.laws.effects.shapes import at_joints, on_axis

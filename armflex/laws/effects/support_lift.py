@@ -8,8 +8,6 @@ beside it in proportion to the force, of either sign: a tube whose counterweight
 The partner says what x is, and from which side: `q` or `-q` of the drive, `fx` to `fz` or `-fx` to `-fz`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

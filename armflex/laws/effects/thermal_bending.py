@@ -4,8 +4,6 @@ An even bend turns its end about its middle. One at its root is one at the end o
 between them turns about the same axis.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from armflex.conventions import Array
@@ -48,10 +46,7 @@ THERMAL_BENDING = TwistLaw(
     amplitudes=(Amplitude("beta", "rad/K"),),
     terms=lambda here, inner: twists(_direction(here, inner), warm(here, *inner[1:])),
     direction=_direction,
-    inner=(
-        Inner("along", "1", _along, polished=False, default=1.0),
-        *WARM,
-    ),
+    inner=(Inner("along", "1", _along, polished=False, default=1.0), *WARM),
     memory=LAGGED,
     afterwards=Afterwards.ANEW,
     possible=shows_lag,

@@ -1,7 +1,5 @@
 """A joint that softens as it warms: beta (T - Tref) C w, on one axis or on all."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from armflex.conventions import Array

@@ -7,15 +7,13 @@ from armflex.laws.effects.effect import Amplitude, LoadLaw, Plausible, Words
 from armflex.laws.effects.location import TOOL, Location
 from armflex.laws.effects.shapes import singly_and_together
 
-ALONG = 0.999
-"""Cosine to gravity from which an axis is along it: two degrees, less than anybody knows of a pull."""
-
 
 def _places(records: Records) -> list[Location]:
     """Return the axes alone and together, without one along gravity alone: a force that is always down is a mass."""
     down = records.robot.gravity / max(float(np.linalg.norm(records.robot.gravity)), 1e-9)
     places = singly_and_together((TOOL,), (0, 1, 2), axes=AXES[:3])
-    return [location for location in places if location.axis is None or abs(down[AXES.index(location.axis)]) < ALONG]
+    # Cosine to gravity from which an axis is along it: two degrees, less than anybody knows of a pull.
+    return [location for location in places if location.axis is None or abs(down[AXES.index(location.axis)]) < 0.999]
 
 
 TIP_FORCE = LoadLaw(

@@ -1,7 +1,5 @@
 """The target or the tool moved: for the whole campaign, or from some time on."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

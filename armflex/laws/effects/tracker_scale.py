@@ -1,7 +1,5 @@
 """An instrument whose distances are wrong by the same share: lambda times the range."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

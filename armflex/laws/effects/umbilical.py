@@ -1,7 +1,5 @@
 """An umbilical: a spring from a point of a link to a fixed point, pulling once it is longer than at rest."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from armflex.conventions import Array

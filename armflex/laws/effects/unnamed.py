@@ -4,8 +4,6 @@ They are no physics: they say where, along which axis and with which column some
 recorded range; outside it they stay at their end values.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from functools import lru_cache, partial
 from itertools import permutations
@@ -160,10 +158,7 @@ LINE_COMPLIANCE = Shape(
         "unnamed trend of a compliance", "a compliance grows steadily with a column", "(slope · x + curvature · x²) · w"
     ),
     places=_with_all(2),
-    amplitudes=(
-        Amplitude("slope", "{m}/{w} per recorded"),
-        Amplitude("curvature", "{m}/{w} per recorded^2"),
-    ),
+    amplitudes=(Amplitude("slope", "{m}/{w} per recorded"), Amplitude("curvature", "{m}/{w} per recorded^2")),
     terms=lambda here, inner: compliances(
         here.direction, *(powers(_column(here), exponent, inner[0]) for exponent in (1, 2))
     ),

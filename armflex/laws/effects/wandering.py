@@ -6,8 +6,6 @@ another day: its mean stands in for it. The zero of a drive stays where it came 
 is its last value.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A spring that is weak or broken: it has lost a share of every tension that it has as declared."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

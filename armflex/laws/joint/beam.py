@@ -3,8 +3,6 @@
 Euler-Bernoulli bending, as in the paper's eq. (7) and any text on matrix structural analysis.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -40,12 +40,7 @@ ARRAYS = {
     "load_precision": Numbers(("k", "k"), covariance=True),
     "furthest": Numbers((1,), least=1.0 / LARGEST),
 }
-SIZES = {
-    "k": (3, 6),
-    "networks": range(1, 1_000_000),
-    "neurons": range(1, 10_000),
-    "weights": range(1, 4000),
-}
+SIZES = {"k": (3, 6), "networks": range(1, 1_000_000), "neurons": range(1, 10_000), "weights": range(1, 4000)}
 """Arrays of a law's file. Weights are as many as a covariance is proven positive of within seconds."""
 
 

@@ -9,8 +9,6 @@ A file holds layers and weights and no code. torch is needed to train such a net
 `perceptron_of`, which is given a module.
 """
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -25,9 +23,6 @@ from armflex.errors import LawError, NotFiniteError, UnsupportedError, listing
 from armflex.laws.law import Ranges, Row, WithoutParameters, block_norms, check_ordered, embed
 from armflex.laws.terms import Neurons, Term, Terms, straight
 from armflex.storage.schema import LARGEST, Numbers, check_arrays
-
-COMPARED = 16
-"""Scaled loads of order one under which a module and its layers must give the same."""
 
 AGREEMENT = 1e-8
 """Tolerance: what they may differ by of the largest number given, since torch cuts softplus off where it is 2e-9."""
@@ -333,7 +328,8 @@ def _check_same(module: Any, layers: tuple[Layer, ...], size: int) -> None:
     """Raise `LawError` where a module gives something else than its layers, as with hooks, or no (N, k) numbers."""
     import torch
 
-    loads = np.vstack([np.zeros(size), np.random.default_rng(0).normal(size=(COMPARED - 1, size))])
+    # Scaled loads of order one under which a module and its layers must give the same.
+    loads = np.vstack([np.zeros(size), np.random.default_rng(0).normal(size=(15, size))])
     try:
         with torch.no_grad():
             given = module(torch.from_numpy(loads)).numpy()

@@ -120,9 +120,8 @@ def read_position_dependent(table: Declaration, joint: str, ranges: Ranges) -> P
         coefficients[power] = declared_matrix(table, COEFFICIENTS[power])
     law = PositionDependentLaw(table.text("depends_on", joint), coefficients, declared_std(table))
     if law.joint not in ranges:
-        raise table.fail(
-            "depends_on", f"{law.joint!r} is no moving joint of the chain{did_you_mean(law.joint, ranges)}"
-        )
+        hint = did_you_mean(law.joint, ranges)
+        raise table.fail("depends_on", f"{law.joint!r} is no moving joint of the chain{hint}")
     for position in np.linspace(*ranges[law.joint], 33):
         try:
             check_compliance(law.compliance(Row(np.array([position]), {law.joint: 0})))

@@ -43,7 +43,6 @@ beam = [
 ]
 """
 
-MAX_ITERATIONS = 50
 TOLERANCE = 1e-12
 
 MOST = 1000
@@ -294,7 +293,7 @@ class StructuralLaw(Composed):
         """Return the tip twist, the sub-joints' tangents and the loads on them."""
         state = np.zeros(len(self._rigid))
         history: list[float] = []
-        for _ in range(MAX_ITERATIONS):
+        for _ in range(50):
             loads = self._by_subjoint(self.scale * state[self._size :])
             asked = list(zip(self.subjoints, loads, strict=True))
             tangents = [sub.law.tangent(load, row) for sub, load in asked]

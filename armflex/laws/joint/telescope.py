@@ -7,8 +7,6 @@ of a wrench w = (f, m) at the end of the boom along the unit vector b, in the fr
 as the position-dependent law with these coefficients.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from armflex.conventions import Array

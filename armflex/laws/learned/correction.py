@@ -26,10 +26,6 @@ TAKEN = 0.25
 NEAREST = 2.0
 """Reach, see `Seen`, before which no correction is nothing."""
 
-CLIMBS = 4
-"""Steps uphill to the load under which a correction is largest."""
-
-
 FORMS = {"|{}|": "|{}|", "{}|{}|": "{}|{}|", "{}^2": "{}*{}", "{}^3": "{}^3"}
 """Terms of one component, and the features that they are."""
 
@@ -114,7 +110,7 @@ def fading(base: Law, correction: Correction, wrenches: Array, row: Row) -> tupl
     # The largest |R^-1 c| as far out as a correction is carried: in many directions, each followed uphill.
     form, size, spread = correction.law, 0.0, np.linalg.pinv(seen.precision, rcond=1e-15)
     loads = seen.furthest(seen.directions(wrenches))
-    for _ in range(CLIMBS):
+    for _ in range(4):  # steps uphill to the load under which a correction is largest
         twists = form.twist(loads, row) @ inverse.T
         size = max(size, float(np.linalg.norm(twists, axis=1).max()))
         loads = seen.furthest(np.einsum("na,nai->ni", twists, inverse @ form.tangent(loads, row)) @ spread)

@@ -3,8 +3,6 @@
 Beyond them it stays as it was there, and slowly fades.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -127,9 +127,11 @@ static const double LARGE = 1.5 * 4503599627370496.0, NEAR = 1.0 / 64;
     static inline real name(real x)                                                                                     \
     {                                                                                                                   \
         real y = -2.0 * size(x), halvings = nearest(y * HALVINGS);                                                       \
-        real r = (y - halvings * LOG_2_ROUND) - halvings * LOG_2_REST, power = power_of(halvings), high, less;          \
-        high = 1.0 / 40320 + r * (1.0 / 362880 + r * (1.0 / 3628800 + r * (1.0 / 39916800 + r * (1.0 / 479001600 + r * (1.0 / 6227020800.0)))));  \
-        less = r * (1.0 + r * (1.0 / 2 + r * (1.0 / 6 + r * (1.0 / 24 + r * (1.0 / 120 + r * (1.0 / 720 + r * (1.0 / 5040 + r * high)))))));      \
+        real r = (y - halvings * LOG_2_ROUND) - halvings * LOG_2_REST, power = power_of(halvings), s = r * r, odd, less;     \
+        odd = 1.0 / 5040 + s * (1.0 / 362880 + s * (1.0 / 39916800 + s * (1.0 / 6227020800.0)));                         \
+        odd = r + r * s * (1.0 / 6 + s * (1.0 / 120 + s * odd));                                                        \
+        less = 1.0 / 40320 + s * (1.0 / 3628800 + s * (1.0 / 479001600));                                               \
+        less = odd + s * (1.0 / 2 + s * (1.0 / 24 + s * (1.0 / 720 + s * less)));                                       \
         less = power * less + (power - 1.0);                                                                            \
         return sign(less / (2.0 + less), x);                                                                            \
     }
@@ -201,11 +203,6 @@ static inline pack nearest_many(pack x)
 {
     return (x + LARGE) - LARGE; /* no call where a processor has no instruction for it */
 }
-static inline pack larger_many(pack a, pack b)
-{
-    bits over = (bits)(b > a);
-    return (pack)(((bits)b & over) | ((bits)a & ~over));
-}
 static inline int exceeds_many(pack x, double most)
 {
     return (x[0] > most) || (x[1] > most) || (x[2] > most) || (x[3] > most);
@@ -256,10 +253,6 @@ BOUNDED(bounded_many, pack, bits, nearest_many, least_many, sign_many, power_man
 #endif
 #endif /* CONTROLLER */
 #if !defined(PACKED)
-static inline double larger_one(double a, double b)
-{
-    return fmax(a, b);
-}
 static inline int exceeds_one(double x, double most)
 {
     return x > most;

@@ -535,13 +535,17 @@ static inline void T(fire)(const arm *a, const T(state) *s, whole i, int begin, 
         neural furthest = none;
         for (const double *u = first; u < last; u += 52) {
             for (int j = 0; j < WIDE; j += EACH) {
-                neural told = weight(u + 24 + j), said = own[1], by, square, turn, twice;
-                for (int b = 0; b < 6; b++) {
+                neural told = weight(u + 24 + j), rest = weight(u + 12 + j) * at[3], said = own[1], by, square, turn, twice;
+                for (int b = 0; b < 3; b++) { /* two sums, which do not wait for each other */
                     told += weight(u + 4 * b + j) * at[b];
                 }
+                for (int b = 4; b < 6; b++) {
+                    rest += weight(u + 4 * b + j) * at[b];
+                }
+                told += rest;
                 by = told - own[0];
                 square = by * by;
-                furthest = N(larger)(furthest, square);
+                furthest += square * square;
                 by -= by * square * (1.0 / 3 - square * (2.0 / 15 - square * (17.0 / 315)));
                 turn = by * said;
                 twice = turn * turn;
@@ -555,7 +559,7 @@ static inline void T(fire)(const arm *a, const T(state) *s, whole i, int begin, 
                 }
             }
         }
-        anew = N(exceeds)(furthest, NEAR * NEAR);
+        anew = N(exceeds)(furthest, NEAR * NEAR * NEAR * NEAR);
         own = hidden;
         for (int b = 0; (b < 6) && anew; b++) {
             sum[b] = none;

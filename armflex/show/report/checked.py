@@ -1,7 +1,5 @@
 """What the page of a checked path shows: every via-point with its margin, a picture, and what it all rests on."""
 
-from __future__ import annotations
-
 import platform
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -166,7 +164,8 @@ def _picture(checked: CheckedPath, points: tuple[Point, ...]) -> str:
 
     try:
         here = at(row)
-        tips = np.array([at(i).link_poses(0.0)[arm.robot.tip][:3, 3] for i in _some(path, points)]) @ arm.robot.mount.T
+        rows = np.unique(np.linspace(0, len(path) - 1, 120).astype(int)).tolist()  # enough to show a path
+        tips = np.array([at(i).link_poses(0.0)[arm.robot.tip][:3, 3] for i in rows]) @ arm.robot.mount.T
         named = {point: at(int(np.argmin(np.abs(path.time - point.time)))) for point in points[:MOST]}
     except ArmflexError as error:  # a joint beyond its limit, an arm that buckles
         return f"<p>No picture: {cut(str(error), 200).replace('<', '(').replace('&', '+')}</p>"
@@ -187,11 +186,6 @@ def _picture(checked: CheckedPath, points: tuple[Point, ...]) -> str:
         grid(panel)
     axes[0].set_title(f"from the side, at {cut(points[0].name or f'{points[0].time:g} s')}, bent {factor:g} times")
     return inline(figure, "the arm at its worst via-point")
-
-
-def _some(path: Trajectory, points: tuple[Point, ...]) -> list[int]:
-    """Return rows that show a path: some hundred evenly, and every one that is named."""
-    return sorted({*np.linspace(0, len(path) - 1, min(len(path), 120)).astype(int).tolist()})
 
 
 def _chain(deflection: Deflection, factor: float) -> Array:
@@ -229,9 +223,8 @@ def _rests_on(checked: CheckedPath, asked: str) -> tuple[tuple[str, str], ...]:
         source = "as declared, not calibrated; no uncertainty is stated, so none is in the verdict"
     rows = [(f"File of the {what}", f"{name}{_sha256(name)}") for what, name in checked.files.items()]
     loads = f"payload {listing(dict.fromkeys(path.payload))}"
-    pushed = max(
-        (float(np.max(wrench.sizes[0], initial=0.0)) for wrench in path.wrenches if not wrench.hangs), default=0.0
-    )
+    sizes = (float(np.max(wrench.sizes[0], initial=0.0)) for wrench in path.wrenches if not wrench.hangs)
+    pushed = max(sizes, default=0.0)
     loads += f", loads from outside up to {pushed:.4g} N" if pushed else ", no load from outside"
     effects = listing(effect.title for effect in arm.effects) if arm.effects else "none"
     damping = "0.01, assumed" if arm.damping_ratio is None else f"{arm.damping_ratio:g}"

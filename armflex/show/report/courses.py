@@ -1,7 +1,5 @@
 """What the page of a machine's history shows: a table of what changed, and every parameter over the dates."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from types import SimpleNamespace
 
@@ -48,9 +46,8 @@ def _drawn(courses: Sequence[Course], history: History, labels: Sequence[str]) -
         bars = 2.0 * factor * course.std
         axis.errorbar(history.dates, factor * course.value, bars, fmt="o", color=colour, ecolor=colour, ms=3.0, lw=1.0)
         if course.since:
-            axis.axvline(
-                0.5 * float(history.dates[course.since - 1] + history.dates[course.since]), color=MARK, ls="--", lw=1.0
-            )
+            before, after = history.dates[course.since - 1 : course.since + 1]
+            axis.axvline(0.5 * float(before + after), color=MARK, ls="--", lw=1.0)
         axis.set_title(cut(f"{course.parameter.label} [{unit}]" + (f": {course.change}" if course.change else ""), 44))
         ends = [0, len(labels) - 1]
         axis.set_xticks([float(history.dates[i]) for i in ends], [cut(labels[i], 12) for i in ends])

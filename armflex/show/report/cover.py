@@ -3,8 +3,6 @@
 The cover is one printed sheet: what was found, how large the error is, from which campaign by which instrument.
 """
 
-from __future__ import annotations
-
 import platform
 from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
@@ -155,9 +153,9 @@ POINT_HEAD = ("row", "pose", "session", "payload", "before mm", "now mm", "Δx",
 def signed(value: float, std: float | None, unit: str) -> str:
     """Return a `measure` with its sign, also where that is a plus."""
     text = measure(value, std, unit)
-    return (
-        text if value <= 0.0 or text.startswith("0 ") else f"+{text.lstrip('(')}" if text[0] != "(" else f"(+{text[1:]}"
-    )
+    if value <= 0.0 or text.startswith("0 "):
+        return text
+    return f"(+{text[1:]}" if text[0] == "(" else f"+{text}"
 
 
 def parameter_rows(arm: Arm, fitted: Sequence[FittedParameter]) -> Table:

@@ -22,9 +22,6 @@ if TYPE_CHECKING:
 STRAIGHT = 1e-6
 """Share of a twist across its main direction below which it has one direction."""
 
-FUNCTION = 0.03
-"""Scatter of an effect about a curve, as a share of its range, below which it is drawn as one."""
-
 
 @dataclass(frozen=True, eq=False)
 class Suspicion:
@@ -58,7 +55,8 @@ class Suspicion:
             rough = np.abs(y[1:-1] - 0.5 * (y[2:] + y[:-2]))
         else:
             rough = np.array([np.ptp(y[x == value]) for value in kinds])
-        return bool(len(rough) and np.quantile(rough, 0.9) <= FUNCTION * np.ptp(y))
+        # Scatter of an effect about a curve, as a share of its range, below which it is drawn as one.
+        return bool(len(rough) and np.quantile(rough, 0.9) <= 0.03 * np.ptp(y))
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,9 +183,8 @@ def _suspect(trace: Trace, effect: Effect, axis: Array | None) -> tuple[Array, s
         load = context.wrench(state.fit.view, location.site)[rows, main]
         return _loads(load, WRENCH_NAMES[main], f"load {WRENCH_NAMES[main]} at {location.place}")
     about_itself = location.place in context.joints and np.ptp(context.column(f"q_{location.place}")[rows]) > 0.0
-    return _column(
-        context, f"q_{location.place}" if about_itself and law.depends_on is not DependsOn.NOTHING else "time", rows
-    )
+    by_position = about_itself and law.depends_on is not DependsOn.NOTHING
+    return _column(context, f"q_{location.place}" if by_position else "time", rows)
 
 
 def _loads(values: Array, kind: str, label: str) -> tuple[Array, str]:
@@ -205,8 +202,6 @@ def _column(context: Context, name: str, rows: np.ndarray) -> tuple[Array, str]:
     return values, f"{name} [{kinds[name]}]" if name in kinds else name
 
 
-BINS = 12
-MOST_RIVALS = 14
 MOST_CURVES = 6
 GOLDEN = 0.6180339887
 FEW = 8
@@ -269,7 +264,7 @@ def _cloud(panel: Axes, seen: Suspicion, values: Array, colour: str) -> None:
 def _means(seen: Suspicion, values: Array) -> tuple[Array, Array, Array]:
     """Return centres, weighted means and their standard uncertainties in bins of x."""
     kinds = np.unique(seen.x)
-    edges = kinds if len(kinds) <= FEW else np.unique(np.quantile(seen.x, np.linspace(0.0, 1.0, BINS + 1)))[:-1]
+    edges = kinds if len(kinds) <= FEW else np.unique(np.quantile(seen.x, np.linspace(0.0, 1.0, 13)))[:-1]
     place = np.clip(np.searchsorted(edges, seen.x, side="right") - 1, 0, len(edges) - 1)
     weight = seen.std**-2.0
     total = np.bincount(place, weight, len(edges))
@@ -286,12 +281,10 @@ def ranking(found_effect: Found, number: int) -> str:
     bars: dict[str, tuple[float, str]] = {}  # of every candidate once, the best first
     for hypothesis, odds in found_effect.ranking:
         candidate = hypothesis.one
-        key, label = (
-            (candidate.law.name, candidate.location),
-            labelled(candidate.effect(np.zeros(len(candidate.location.terms)))),
-        )
+        key = (candidate.law.name, candidate.location)
+        label = labelled(candidate.effect(np.zeros(len(candidate.location.terms))))
         bars.setdefault(label, (0.5 * odds, AFTER if key == key_of_effect else MARK if key in same else RULE))
-    rows = list(bars.items())[:MOST_RIVALS][::-1]
+    rows = list(bars.items())[:14][::-1]
     if not rows:
         return ""
     place = np.arange(len(rows))
@@ -317,10 +310,8 @@ def wave(trace: Trace, index: int) -> tuple[str, ...]:
     if not rest or rest != sine or not {"A", "B"} <= set(effect.effect.named):
         return ()
     amplitudes = np.array([effect.effect.named["A"], effect.effect.named["B"]])
-    size, names = (
-        float(np.hypot(*amplitudes)),
-        [name for name in ("A", "B") if 0.0 < effect.std.get(name, 0.0) < np.inf],
-    )
+    size = float(np.hypot(*amplitudes))
+    names = [name for name in ("A", "B") if 0.0 < effect.std.get(name, 0.0) < np.inf]
     if size == 0.0:
         return ()
     fit, block = trace.state.fit, trace.state.effects[effect.index]

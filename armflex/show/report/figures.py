@@ -1,7 +1,5 @@
 """Figures of the whole: residuals in the workspace, errors by session and pose, places, parameters, what would show."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import product
 
@@ -16,12 +14,6 @@ from armflex.show.report.svg import AFTER, BEFORE, DASHED, INK, MUTED, PAPER, RU
 from armflex.show.report.words import words
 from armflex.trace.findings import Smallest, Trace
 from armflex.trace.unrecorded import RandomTwist, noticed_from
-
-LONG = 0.09
-"""Length of a long residual arrow as a share of the workspace."""
-
-MANY_POSES = 120
-MOST_PULLS = 12
 
 
 def workspace(trace: Trace) -> str:
@@ -38,7 +30,7 @@ def workspace(trace: Trace) -> str:
     )
     span = max(float(np.ptp(points, axis=0).max()), 1e-3)
     size = float(np.quantile(np.linalg.norm(before, axis=1), 0.95)) or 1e-3
-    scale = LONG * span / size
+    scale = 0.09 * span / size  # length of a long residual arrow as a share of the workspace
     gravity = trace.arm.robot.gravity
     up = int(np.abs(gravity).argmax()) if np.any(gravity) else 2
     level = [axis for axis in range(3) if axis != up]
@@ -143,7 +135,7 @@ def by_session_and_pose(accurate: Accuracy, both: bool, unit: str | Shown) -> st
     right.scatter(place, after, s=11, color=AFTER, linewidths=0, label="after" if both else "calibrated")
     right.plot([], [], color=INK, linewidth=1.0, linestyle=DASHED, label="stated noise")
     right.set_title("By pose, the worst before first" if both else "By pose, the worst first")
-    if len(poses) <= MANY_POSES and all(len(name) <= 8 for name, *_ in poses):
+    if len(poses) <= 120 and all(len(name) <= 8 for name, *_ in poses):
         step = max(1, len(poses) // 24)
         right.set_xticks(place[::step], [name for name, *_ in poses[::step]], rotation=90, fontsize=6.5)
     else:
@@ -201,7 +193,7 @@ def pulls(
         (name, earlier.get(parameter.name, abs(parameter.pull)), abs(parameter.pull))
         for name, parameter in zip(named, after, strict=True)
     ]
-    chosen = sorted(pairs, key=lambda row: -max(row[1:]))[:MOST_PULLS][::-1]
+    chosen = sorted(pairs, key=lambda row: -max(row[1:]))[:12][::-1]
     place = np.arange(len(chosen))
     figure, (panel,) = canvas(7.6, 0.6 + 0.27 * max(len(chosen), 3))
     old, new = ([row[which] for row in chosen] for which in (1, 2))

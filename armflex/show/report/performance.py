@@ -1,7 +1,5 @@
 """What the page of pose characteristics shows: texts, tables of them, and figures as SVG."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from types import SimpleNamespace
 

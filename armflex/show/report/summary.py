@@ -1,7 +1,5 @@
 """The result in sentences: which effects were identified, how large the error is now, what stayed undetermined."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,9 +8,6 @@ from armflex.readings import Readings
 from armflex.show.report.accuracy import Accuracy
 from armflex.show.report.words import called, change, joined, measure, millimetres, short, site_words, units_of, words
 from armflex.trace.findings import Found, Smallest, Trace, Unexplained
-
-MOST_VALUES = 2
-"""Values of an effect that the first sentence has room for."""
 
 MOST_NAMED = 2
 """Effects that it has room for with their values; of more, the first two are named."""
@@ -41,7 +36,8 @@ def headline(trace: Trace) -> str:
             effect, units = identified.effect, units_of(identified.effect)
             names = [effect.law.amplitudes[i].name for i in effect.location.terms]
             values = [f"{name} {measure(effect.named[name], identified.std[name], units[name])}" for name in names]
-            few = f": {joined(values)}" if len(values) <= MOST_VALUES else ""
+            # Values of an effect that the first sentence has room for.
+            few = f": {joined(values)}" if len(values) <= 2 else ""
             parts.append(called(effect, identified.number) + few)
         return f"Identified: {'; and '.join(parts)}."
     if trace.unsettled:

@@ -25,12 +25,6 @@ VARIABLES[SOFT] = "soft"
 DASHED = (0, (4, 3))
 """How a line of reference is drawn: points of line and of gap."""
 
-PIXELS = 1.44
-"""Of the page per point of a figure: ten inches fill a wide page."""
-
-NARROW = 640.0
-"""Width in pixels below which a figure is scrolled instead of shrunk."""
-
 STYLE = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",
@@ -98,8 +92,9 @@ def inline(figure: Figure, name: str) -> str:
     svg = re.sub(r"<[^>]*>", _themed, svg)  # no text in between
     box = re.findall(r'viewBox="([^"]*)"', svg)[0]
     safe = re.sub(r"[^\w ,.-]", " ", name)
-    width = PIXELS * float(box.split()[2])
-    size = f"min-width:{min(width, NARROW):.0f}px; max-width:{width:.0f}px"
+    width = 1.44 * float(box.split()[2])  # of the page per point of a figure: ten inches fill a wide page
+    # Width in pixels below which a figure is scrolled instead of shrunk.
+    size = f"min-width:{min(width, 640.0):.0f}px; max-width:{width:.0f}px"
     head = f'<svg class="figure" viewBox="{box}" style="{size}" role="img" aria-label="{safe}">'
     return head + svg[svg.index(">") + 1 :].strip()
 

@@ -1,7 +1,5 @@
 """How the arm of a report swings: its slowest modes where the campaign had it carry most."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

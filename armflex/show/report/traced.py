@@ -1,7 +1,5 @@
 """Everything that the page shows, as text and tables; figures come as finished SVG."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import partial
 from types import SimpleNamespace

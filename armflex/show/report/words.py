@@ -1,7 +1,5 @@
 """Effects and places in plain words, and numbers as people read them: with their uncertainty, in a handy unit."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
@@ -117,10 +115,8 @@ def called(effect: Effect, number: int = 1) -> str:
         shape, columns = title.removeprefix("unnamed "), " and ".join(effect.location.covariates)
         title = f"an unnamed effect (a {shape} in {columns})"
     location = effect.location
-    axis, partner = (
-        f" ({location.axis})" if location.axis else "",
-        f" with {location.partner}" if location.partner else "",
-    )
+    axis = f" ({location.axis})" if location.axis else ""
+    partner = f" with {location.partner}" if location.partner else ""
     return f"{title} at {site_words(location.site)}{axis}{partner}{numbered(number)}"
 
 

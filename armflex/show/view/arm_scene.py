@@ -51,14 +51,10 @@ MARKER_SIZES = {"ok": 1.0, "uncertain": 1.2, "fail": 1.4}
 SCALE = ("#440154", "#3b528b", "#21918c", "#5ec962", "#fde725")
 """Five stops of the viridis colour map: least to most contribution."""
 
-NICE = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 AXES = ("#d62728", "#2ca02c", "#1f5fd0")
 GRAVITY, FORCE = "#5a6776", "#c2185b"
 STONE = 2500.0
 """Density that a payload is drawn with where its inertia does not determine its size [kg/m^3]."""
-
-SAMPLES = 9
-"""Positions along a joint at which the arm is asked for a slider's table."""
 
 SLIDERS = 2.0 * np.pi
 """Largest position of a slider [rad or m]: of a joint without limits a turn either way."""
@@ -74,7 +70,6 @@ TINY = 1e-6
 
 MAX_FRAMES = 240
 LARGEST_MAGNIFICATION = 1e6
-PLAY_SECONDS = 14.0
 
 Poses = Sequence[Mapping[str, Array]]
 """(4, 4) pose of every link by name, for each frame of a motion."""
@@ -257,7 +252,7 @@ def arm_scene(
         table=_table(motion, trajectory, report),
         notes=(*_notes(arm, shown, motion, factor), *missing),
         times=times if len(times) > 1 else None,
-        speed=float(max(1.0, round((times[-1] - times[0]) / PLAY_SECONDS))),
+        speed=float(max(1.0, round((times[-1] - times[0]) / 14.0))),
         # A slider moves what its joint carries; with loops other joints move as well.
         posable=posable(arm, shown, factor, _when(motion)) if tree else None,
         shown=motion.worst,
@@ -308,7 +303,8 @@ def posable(arm: Arm, shown: Deflection, factor: float, when: str = "") -> dict[
     asked: dict[str, Any] = {"covariates": dict(case.covariates), "wrenches": case.wrenches, "enforce_limits": False}
     for i, joint in enumerate(robot.moving):
         low, high = np.clip([joint.lower, joint.upper], -SLIDERS, SLIDERS)
-        samples, table = np.linspace(min(low, shown.q[i]), max(high, shown.q[i]), SAMPLES), []
+        # Positions along a joint at which the arm is asked for a slider's table.
+        samples, table = np.linspace(min(low, shown.q[i]), max(high, shown.q[i]), 9), []
         for position in samples:
             q = np.where(np.arange(len(shown.q)) == i, position, shown.q)
             try:
@@ -420,8 +416,8 @@ def _leaf(name: str) -> str:
 def nice_magnification(arm: Arm, motion: Motion) -> float:
     """Return the largest round factor that keeps the shown sag below an eighth of the reach."""
     most = max(float(np.linalg.norm(frame.displacement[:3])) for frame in motion.frames)
-    allowed = [factor for factor in NICE if factor * most <= 0.125 * max(arm.robot.reach, 1e-3)]
-    return float(max(allowed, default=1)) if most > 1e-9 else 1.0
+    nice, largest = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000), 0.125 * max(arm.robot.reach, 1e-3)
+    return float(max((factor for factor in nice if factor * most <= largest), default=1)) if most > 1e-9 else 1.0
 
 
 def contribution_colors(deflection: Deflection) -> dict[str, str]:
@@ -507,9 +503,8 @@ def _nodes(
     for link in rigid[0]:
         if shapes[link] and owner.get(link):
             ghost = (replace(shape, color=GHOST, opacity=0.22) for shape in shapes[link])
-            yield Node(
-                f"rigid/{_leaf(link)}", np.array([pose[link] for pose in rigid]), tuple(ghost), link, flexed=False
-            )
+            poses = np.array([pose[link] for pose in rigid])
+            yield Node(f"rigid/{_leaf(link)}", poses, tuple(ghost), link, flexed=False)
     for link in flexed[0]:
         if shapes[link]:
             color = colors.get(owner.get(link, ""))
@@ -543,9 +538,8 @@ def _ties(arm: Arm, flexed: Poses) -> Iterator[Node]:
     for loop in arm.robot.linkage.loops:
         poses = np.tile(np.eye(4), (len(flexed), 1, 1))
         poses[:, :3, 3] = at(loop.link, loop.at)
-        yield Node(
-            f"loops/{_leaf(loop.name)}", poses, (Shape("sphere", np.array([1.2 * radius]), color=PIN),), loop.link
-        )
+        ball = Shape("sphere", np.array([1.2 * radius]), color=PIN)
+        yield Node(f"loops/{_leaf(loop.name)}", poses, (ball,), loop.link)
     for kind, ties in (("cylinders", arm.robot.linkage.cylinders), ("springs", arm.springs)):
         for tie in ties:
             ends = at(tie.link, tie.at), at(tie.to, tie.at_to)
@@ -625,11 +619,7 @@ def _markers(arm: Arm, trajectory: Trajectory | None, report: CheckReport | None
 
 
 def _legend(
-    shown: Deflection,
-    colors: dict[str, str],
-    trajectory: Trajectory | None,
-    report: CheckReport | None,
-    factor: float,
+    shown: Deflection, colors: dict[str, str], trajectory: Trajectory | None, report: CheckReport | None, factor: float
 ) -> Iterator[LegendRow]:
     for name, share in zip(shown.names.flexures, shown.shares(), strict=True):
         yield LegendRow(colors[name], name, f"{number(share * 1e3, 3, TINY)} mm")

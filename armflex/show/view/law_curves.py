@@ -26,9 +26,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-BEYOND = 0.3
-"""How far beyond the observed loads the picture goes, as a part of their range."""
-
 STEPS = 241
 NORMAL_95 = 1.96
 Curve = tuple[Array, Array]
@@ -53,7 +50,8 @@ class Slice:
     axis: int
     component: int
 
-    def loads(self, beyond: float = BEYOND) -> Array:
+    # How far beyond the observed loads the picture goes, as a part of their range.
+    def loads(self, beyond: float = 0.3) -> Array:
         """Return (n, 6) loads along the component, from below the smallest that was seen to above the largest."""
         low, high = self.law.seen.loads[:, self.component]
         loads = np.tile(self.law.seen.mean, (STEPS, 1))
@@ -146,9 +144,8 @@ def _draw(axes: Axes, section: Slice, points: Curve | None) -> None:
         given, twists = (np.asarray(values, float) for values in points)
         at = np.interp(given[:, section.component], loads[:, section.component], y, np.nan, np.nan)
         error = scale * (twists[:, section.axis] - section.twist(given))
-        axes.plot(
-            per * given[:, section.component], at + error, ".", color="0.25", ms=2.5, zorder=3, label="known points"
-        )
+        along = per * given[:, section.component]
+        axes.plot(along, at + error, ".", color="0.25", ms=2.5, zorder=3, label="known points")
     if band is not None:
         axes.fill_between(x, y - scale * band, y + scale * band, color="C0", alpha=0.25, lw=0, label="95 % band")
     axes.plot(x, scale * section.declared(loads), "--", color="C3", lw=1.2, label="declared")
@@ -164,12 +161,6 @@ def _draw(axes: Axes, section: Slice, points: Curve | None) -> None:
 
 DRAWS = 200
 """Laws drawn from the posterior for the picture of its slopes."""
-
-CURVES = 25
-"""Of these, how many are drawn as curves."""
-
-WIDTH = 16
-"""Letters of a model's name below one bar."""
 
 
 def _along(loads: Array, component: int, count: int) -> Array:
@@ -217,7 +208,7 @@ def draw_training(result: TrainResult, data: JointData, path: str | Path) -> Pat
             if uncertain:
                 half = NORMAL_95 * stated_std(law, loads)[:, column] / factor
                 shown.fill_between(x, y - half, y + half, color="C0", alpha=0.2, lw=0, label="95 % band")
-                for i, drawn_law in enumerate(draws[:CURVES]):
+                for i, drawn_law in enumerate(draws[:25]):  # of these, how many are drawn as curves
                     drawn = predicted(drawn_law, loads)[:, column] / factor
                     shown.plot(x, drawn, color="C1", lw=0.5, alpha=0.5, label="posterior" if i == 0 else None)
             shown.plot(x, y, color="C0", lw=1.6, label="law")
@@ -237,7 +228,8 @@ def draw_training(result: TrainResult, data: JointData, path: str | Path) -> Pat
         axes = lower.subplots()
         trained_as = result.trained.model
         bars = [(f"{trained_as}\ntraining", result.train_rms), (f"{trained_as}\nheld out", result.held_out_rms)]
-        bars += [(f"{fill(name, WIDTH)}\nheld out", rms) for name, rms in result.compared if len(result.compared) > 1]
+        # Letters of a model's name below one bar.
+        bars += [(f"{fill(name, 16)}\nheld out", rms) for name, rms in result.compared if len(result.compared) > 1]
         place, width = np.arange(len(bars)), 0.8 / size
         for column in range(size):
             values = [rms[column] for _, rms in bars]

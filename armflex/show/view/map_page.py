@@ -25,9 +25,6 @@ CORNERS = np.array(list(product((-0.5, 0.5), repeat=3)))
 SIDES = ((1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4))
 """Corners of a cube's six sides, counted from 1, seen from outside against the clock."""
 
-FILLED = 0.45
-"""Edge of a cube as a share of its voxel's: one sees through between them."""
-
 
 @checked_kinds
 def map_page(
@@ -103,7 +100,8 @@ def _groups(workspace: WorkspaceMap, tolerance: float | None) -> list[tuple[str,
 
 def _cubes(workspace: WorkspaceMap, mask: np.ndarray, color: str) -> Shape:
     """Return a cube in each of some voxels, as one mesh in the text of a Wavefront OBJ."""
-    corners = (workspace.centres[mask][:, None] + FILLED * workspace.voxel * CORNERS).reshape(-1, 3)
+    # Edge of a cube as a share of its voxel's: one sees through between them.
+    corners = (workspace.centres[mask][:, None] + 0.45 * workspace.voxel * CORNERS).reshape(-1, 3)
     sides = (8 * np.arange(mask.sum())[:, None, None] + np.array(SIDES)).reshape(-1, 4)
     lines = [f"v {x:.4f} {y:.4f} {z:.4f}" for x, y, z in corners.tolist()]
     lines += [f"f {a} {b} {c} {d}" for a, b, c, d in sides.tolist()]

@@ -5,8 +5,6 @@ have sent: objects as three.js loads them, https://github.com/mrdoob/three.js/wi
 viewer lies in the folder `meshcat` as version 0.3.2 of that package has it, with its licences.
 """
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Iterator
 from importlib import resources
@@ -29,7 +27,6 @@ _FRAMES_A_SECOND = 30.0
 _CIRCLE_SIDES = 48
 _Y_TO_Z = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 _LICENCES = ("LICENSE", "main.min.js.LICENSE.txt", "main.min.js.THIRD_PARTY_LICENSES.json")
-_FOR_EVER = 1e9
 
 
 def render_page(scene: Scene) -> str:
@@ -177,21 +174,16 @@ def commands(scene: Scene, camera: Viewpoint) -> Iterator[Json]:
     for line in scene.polylines:
         yield _object(_path("Paths", line.name), _triangles(*tube_mesh(line.points, line.radius)), _paint(line.color))
     ball, sides = capsule_mesh(1.0, 0.0, _BALL_SIDES)
-    for color in dict.fromkeys(
-        marker.color for marker in scene.markers if marker.radius
-    ):  # hundreds of balls are one mesh
-        balls = [
-            marker.position + marker.radius * ball
-            for marker in scene.markers
-            if marker.color == color and marker.radius
-        ]
+    shown = [marker for marker in scene.markers if marker.radius]
+    for color in dict.fromkeys(marker.color for marker in shown):  # hundreds of balls are one mesh
+        balls = [marker.position + marker.radius * ball for marker in shown if marker.color == color]
         faces = [i * len(ball) + sides for i in range(len(balls))]
         yield _object(_path("Markers", color), _triangles(np.concatenate(balls), np.concatenate(faces)), _paint(color))
     if scene.times is not None:
         frames = ((scene.times - scene.times[0]) * _FRAMES_A_SECOND / scene.speed).tolist()
         moving = [node for node in scene.nodes if len(node.poses) > 1]
         clips = [{"path": _path("Nodes", node.name), "clip": _clip(frames, node.poses)} for node in moving]
-        options = {"play": True, "repetitions": _FOR_EVER}
+        options = {"play": True, "repetitions": 1e9}
         yield {"type": "set_animation", "animations": clips, "options": options, "path": ""}
 
 

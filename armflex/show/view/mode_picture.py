@@ -18,10 +18,6 @@ if TYPE_CHECKING:
 MOST = 4
 """Modes in a picture."""
 
-SWUNG = 0.08
-"""How far the tip is drawn from its place, as a share of the reach."""
-
-
 RED, INK = "#e4572e", "0.15"
 
 
@@ -50,7 +46,7 @@ def swing_on(figure: Figure, rest: Deflection, modes: Modes, swung: str = RED, s
         swung, still: Colours of the ends of the swing and of the rest.
     """
     robot, count = rest.arm.robot, min(len(modes.frequencies), MOST)
-    size = SWUNG * max(robot.reach, 0.1)
+    size = 0.08 * max(robot.reach, 0.1)  # how far the tip is drawn from its place, as a share of the reach
 
     def line(further: Array) -> Array:
         """Return the (k, 3) origins of the chain's links from base to tip, level [m]."""

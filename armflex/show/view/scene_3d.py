@@ -6,8 +6,6 @@ draws a ghost. Nothing here knows how the picture is drawn. Mesh files named by 
 only from beside it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -204,9 +202,8 @@ def read_mesh(urdf: Path, filename: str) -> tuple[bytes, str] | None:
                     data.decode()  # the others are text
                 return data, form
         except (OSError, ValueError) as error:
-            raise UrdfError(
-                Place(urdf), f"mesh {filename[:200]!r} cannot be read: {getattr(error, 'strerror', None) or error}"
-            ) from None
+            problem = getattr(error, "strerror", None) or error
+            raise UrdfError(Place(urdf), f"mesh {filename[:200]!r} cannot be read: {problem}") from None
     return None
 
 

@@ -4,8 +4,6 @@ A single answer is a tally of one row, so that counting answers and joining tall
 place of a list of all answers: its size is that of the space reached, however many answers there were.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields

@@ -49,9 +49,8 @@ def draw_map(arm: Arm, workspace: WorkspaceMap, path: str | Path, tolerance: flo
     with picture(path, 13.0, 6.0) as figure:
         colours, norm = _colours(workspace, tolerance)
         places = figure.subplots(1, len(VIEWS) + (workspace.frequency is not None))
-        pose = (
-            Arm(arm.robot).deflection(workspace.worst_q[workspace.worst_voxel]).link_poses()
-        )  # rigid: it needs no covariates
+        # A rigid arm needs no covariates.
+        pose = Arm(arm.robot).deflection(workspace.worst_q[workspace.worst_voxel]).link_poses()
         skeleton = np.array([np.zeros(3), *(pose[joint.child][:3, 3] for joint in arm.robot.chain)])
         first, images = next(iter(VIEWS)), []
         drawn: list[tuple[str, Array, str, Normalize | None]] = [

@@ -45,12 +45,6 @@ from armflex.tasks.workspace.cells import (
 CHUNK = 8192
 """Configurations that are asked and counted together, a power of two."""
 
-JOINED_AT_ONCE = 16
-"""Chunks whose tallies wait to be joined with the rest, as all cells are sorted each time."""
-
-WORST_AT_ONCE = 256
-"""Largest displacements whose uncertainty is found together."""
-
 MOST_DRAWS = 1000
 """Arms that are drawn; each has its own models, of some hundred kilobytes."""
 
@@ -343,7 +337,7 @@ def _gathered(
     done = 0
     for size, answer in zip(drawn.sizes, chunks, strict=True):
         waiting.append(answer.tally)
-        if len(waiting) > JOINED_AT_ONCE:
+        if len(waiting) > 16:  # chunks whose tallies wait to be joined with the rest, as all cells are sorted each time
             waiting = [joined(waiting)]
         for flag in answer.flags:
             flags.setdefault(flag.code, flag)
@@ -361,7 +355,7 @@ def _of_worst(
 ) -> Iterator[tuple[np.ndarray, OfVoxels]]:
     """Yield numbers of voxels, and what work makes of their largest displacements, of which alone it is asked."""
     answered = np.flatnonzero(tally.answered)
-    pieces = in_pieces(answered, WORST_AT_ONCE)
+    pieces = in_pieces(answered, 256)  # largest displacements whose uncertainty is found together
     tasks = (partial(work, question, tally.q[voxels], tally.payload[voxels]) for voxels in pieces)
     done = 0
     for voxels, of_voxels in zip(pieces, in_order(tasks, jobs), strict=True):
@@ -458,9 +452,8 @@ def _check(workspace: WorkspaceMap) -> None:
     """Raise `ValueError` where what a map says does not go together."""
     answered, asked = workspace.answered > 0, workspace.rows * len(workspace.payloads)
     if not (workspace.voxel > 0.0 and workspace.seed >= 0 and workspace.draws >= 0):
-        raise ValueError(
-            f"voxel {workspace.voxel:g}, seed {workspace.seed}, draws {workspace.draws}: expected no negative numbers"
-        )
+        given = f"voxel {workspace.voxel:g}, seed {workspace.seed}, draws {workspace.draws}"
+        raise ValueError(f"{given}: expected no negative numbers")
     for name in LISTS:
         if len(set(getattr(workspace, name))) < len(getattr(workspace, name)):
             raise ValueError(f"one of the {name} is there twice")

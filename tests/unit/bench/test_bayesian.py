@@ -1,7 +1,5 @@
 """Posterior of a network: the collapsed density against other ways to compute it, and what the samplers claim."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from functools import partial

@@ -1,7 +1,5 @@
 """Levenberg-Marquardt: the normal equations by the plain Jacobian, scipy's minimum, the schedule of the damping."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

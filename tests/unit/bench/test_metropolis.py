@@ -1,7 +1,5 @@
 """Adaptive Metropolis: its recursion, known densities, known posteriors, and chains that must be refused."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """Training networks: with and without a prior, the evidence, its Gaussian approximation, what cannot be trained on."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

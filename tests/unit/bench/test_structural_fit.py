@@ -1,7 +1,5 @@
 """A composed joint fitted to what its tip did: compliances recovered, their uncertainty honest, files that load."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Terms of a joint found one at a time: the published table, planted terms, nothing where there is nothing."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.small_arms import ROBOTS

@@ -1,7 +1,5 @@
 """`train`: the published table's numbers, known compliances recovered, uncertainty that covers what it claims."""
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import replace
 from pathlib import Path
@@ -23,10 +21,7 @@ NOWHERE = Row(np.zeros(0), {})
 
 @pytest.mark.parametrize(
     ("structure", "in_sample", "held_out"),
-    [
-        ("full", [0.142, 0.099, 0.341], [0.172, 0.121, 0.415]),
-        ("diagonal", [1.113, 0.595, 0.703], None),
-    ],
+    [("full", [0.142, 0.099, 0.341], [0.172, 0.121, 0.415]), ("diagonal", [1.113, 0.595, 0.703], None)],
 )
 @pytest.mark.parametrize("read_as", [None, {"mm": "um"}])
 def test_published_table(structure: str, in_sample: list, held_out: list | None, read_as: dict | None) -> None:

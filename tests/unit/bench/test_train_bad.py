@@ -1,7 +1,5 @@
 """Tables and options that no joint deformation model can be learned from, asked of every model alike."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The command line, as a shell runs it or in this process: exit codes, JSON files, messages, nothing left behind."""
 
-from __future__ import annotations
-
 import csv
 import io
 import logging
@@ -310,10 +308,7 @@ BAD = {
     "train an unknown model": (["train", TABLE, "--model", "liner", "-o", "o"], "'liner' is not"),
     "read-as": (["train", TABLE, "--read-as", "mm", "-o", "o"], "'mm' is not of the form mm=um"),
     "predict without joints": (["predict", A, TABLE, "-o", "o"], "has no column 'q_M1'"),
-    "predict with a misspelt payload": (
-        ["predict", A, "paylod.csv", "-o", "o"],
-        "'paylod', did you mean 'payload'",
-    ),
+    "predict with a misspelt payload": (["predict", A, "paylod.csv", "-o", "o"], "'paylod', did you mean 'payload'"),
     "predict degrees": (["predict", A, "outside.csv", "-o", "o"], "outside.csv:3: joint 'A2' at 12 is outside"),
     "magnify nothing": (["view", A, "-o", "o", "--magnify", "0"], "magnification must be positive"),
     "magnify out of sight": (

@@ -1,7 +1,5 @@
 """The command line and files: what it reads it keeps, and whatever is no file is told in one line."""
 
-from __future__ import annotations
-
 import shutil
 import sys
 import warnings

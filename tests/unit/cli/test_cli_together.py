@@ -1,7 +1,5 @@
 """What a command found is on the disk before it says so, all files of it or none."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import io

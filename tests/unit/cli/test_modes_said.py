@@ -1,7 +1,5 @@
 """What `modes` says of uncertainties: that none is stated, or that some mode is not that of every likely arm."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

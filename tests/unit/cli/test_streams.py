@@ -1,7 +1,5 @@
 """Commands whose streams are closed, are pipes that nobody reads, or get the result; and commands that are ended."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """Machines with loops are calibrated from readings of their tips as chains are."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -113,10 +111,8 @@ def test_readings_answer_to_every_parameter_as_by_finite_differences(name):
     arm = armflex.load_arm(ROBOTS / name / "arm.toml")
     arm = replace(arm, prior=EVERYTHING, measurement=Measurement("base"), certainty=None)
     trajectory = armflex.read_trajectory(ROBOTS / name / "trajectory.csv", arm)
-    some, carried = (
-        trajectory.q[:: len(trajectory.q) // 3][1:3],
-        max(arm.payloads, key=lambda one: arm.payloads[one].mass),
-    )
+    some = trajectory.q[:: len(trajectory.q) // 3][1:3]
+    carried = max(arm.payloads, key=lambda one: arm.payloads[one].mass)
     rows = Rows.of(arm.joint_names, some, (carried,) * 2, {}, session="s", derived=("time",))
     measurements = Measurements.of(rows, Readings(2, (Position(np.zeros((2, 3)), np.ones((2, 3))),)))
     setup = Setup(arm, Instrument())

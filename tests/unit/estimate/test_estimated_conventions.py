@@ -1,7 +1,5 @@
 """Conventions with a number in them, such as units and couplings of joint columns, are named with what they leave."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """What sister arms have in common is the prior of the next one, and a stranger is left out."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

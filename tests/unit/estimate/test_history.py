@@ -1,7 +1,5 @@
 """A machine over its calibrations: a jump, a drift, and nothing, each said as what it is."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -32,11 +30,7 @@ def over(folder: Path, zeros: list[float]) -> History:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("zeros", "change", "since"),
-    [
-        ([1e-3, 1e-3, 1e-3, 2e-3, 2e-3], "jump", 3),
-        ([0.0, 5e-4, 1e-3, 1.5e-3, 2e-3], "drift", 0),
-        ([1e-3] * 5, "", 0),
-    ],
+    [([1e-3, 1e-3, 1e-3, 2e-3, 2e-3], "jump", 3), ([0.0, 5e-4, 1e-3, 1.5e-3, 2e-3], "drift", 0), ([1e-3] * 5, "", 0)],
 )
 @pytest.mark.filterwarnings("ignore:gravity_in:armflex.ArmflexWarning")
 def test_what_changed_and_since_when(tmp_path: Path, zeros: list[float], change: str, since: int) -> None:

@@ -1,7 +1,5 @@
 """The linear problem with Gaussian noise and priors: closed forms, and exact arithmetic as the referee."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np

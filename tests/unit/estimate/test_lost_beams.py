@@ -1,7 +1,5 @@
 """Rows that are exchanged or far off are found before the rest is asked to settle."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Campaigns in another convention than their arm's are named before anything is fitted, and clean ones are not."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Gravity of a base that was moved between campaigns: what rows, readings, effects and columns make of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Parameters of an arm: told apart as objects, looked up by what files call them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

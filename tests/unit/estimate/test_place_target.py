@@ -1,7 +1,5 @@
 """A target is found with the frames of all sessions at once, and one that is where it is declared stays there."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

@@ -1,7 +1,5 @@
 """What `predict` states of an arm that lacks something: errors on rows held out are as large as sigma says."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

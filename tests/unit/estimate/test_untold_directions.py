@@ -1,7 +1,5 @@
 """By how much readings are off where nothing tells from which side a joint came."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sizes of components by the evidence: the likelihood is that of a normal distribution, what was drawn comes back."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """Why readings do not determine a parameter: nothing moves with it, another does the same, or it absorbs a misfit."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The arm as C: its answers are Python's, its refusals have codes, and what has no form in C is refused by name."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 import shutil

@@ -1,7 +1,5 @@
 """The commands of docs/export.md run as they stand there, and write what they say."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import shutil

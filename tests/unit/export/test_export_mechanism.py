@@ -1,7 +1,5 @@
 """Exports of arms with loops: the tree with its passive joints where the rigid loops close; C is the engine itself."""
 
-from __future__ import annotations
-
 import subprocess
 from collections.abc import Callable
 from dataclasses import replace

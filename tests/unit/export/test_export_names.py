@@ -1,7 +1,5 @@
 """Names of any kind in every export come back or have a safe form; none of them runs, ends or adds anything."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import io

@@ -1,7 +1,5 @@
 """Points of the arm that a campaign found, as a touching ball: a file has them, or says by how many mm it has not."""
 
-from __future__ import annotations
-
 import importlib
 from dataclasses import replace
 from pathlib import Path

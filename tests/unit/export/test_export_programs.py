@@ -1,7 +1,5 @@
 """`export --to` a program or a message: the path that is read back is the one that was given."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """`export --to sheet`: a controller given the sheet stands where the calibrated arm does, as well as promised."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +19,7 @@ from support.small_arms import arm_of, joint, link, one_joint, robot, three_join
 from armflex import Arm, Flexure, calibrate, load_arm, read_measurements
 from armflex.export.sheet import export
 from armflex.files.dh_table import in_dh_words
+from armflex.laws.effects.candidate import Candidate
 from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import Location
@@ -312,3 +311,16 @@ def test_the_first_row_is_as_the_data_sheet_has_it_and_has_its_own_error(tmp_pat
         if form == "standard":
             assert abs(sheet.value["base", "", "z"]) < 5e-4 and abs(sheet.value["base", "", "yaw"]) < 1e-6
     assert in_dh_words(arm.robot)["geometry J1 dz"] == ("d of J1", 1.0)
+
+
+def test_no_stiffness_is_stated_where_a_joint_hangs_back() -> None:
+    """A number of what else gives there would be many times too stiff."""
+    arm = bundled("heavy_six")
+    drive = next(flexure for flexure in arm.flexures if flexure.joint == arm.joint_names[1])
+    place = Location(arm.joint_names[1], "ry", terms=(0,))
+    plays = Candidate(CATALOGUE["hysteresis"], place, (20.0,)).effect(np.array([1e-6]))
+    exported = export(replace(arm, effects=(plays,)))
+    texts = export(arm).text, exported.text
+    before, after = ({key for key in Sheet(text).value if key[0] == "stiffness"} for text in texts)
+    assert {of for _, of, _ in before - after} == {drive.name} and after < before
+    assert any("No stiffness is stated where hysteresis" in line for line in exported.notes)

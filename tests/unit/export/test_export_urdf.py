@@ -1,7 +1,5 @@
 """`export --to urdf`: other programs that read the file have the tip where the calibrated arm without load has it."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable
 from dataclasses import replace

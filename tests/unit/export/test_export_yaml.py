@@ -1,7 +1,5 @@
 """`export --to yaml`: as ur_description and robot_calibration read them, the tip is the calibrated arm's."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -56,11 +54,7 @@ def test_ur_calibration_is_the_yaml_that_ur_description_reads() -> None:
 
 def test_a_fixed_joint_before_the_first_is_not_in_shoulder(tmp_path: Path) -> None:
     """As `base_link` and `base_link_inertia`, half a turn apart."""
-    parts = [
-        link("base"),
-        joint("half_turn", "base", "l0", (0, 0, 0.1), (0, 0, np.pi), kind="fixed"),
-        link("l0", 1.0),
-    ]
+    parts = [link("base"), joint("half_turn", "base", "l0", (0, 0, 0.1), (0, 0, np.pi), kind="fixed"), link("l0", 1.0)]
     for i in range(6):
         place, axis = (0.1, 0.02 * i, 0.2), ((0, 0, 1), (0, 1, 0))[i % 2]
         parts += [joint(f"j{i}", f"l{i}", f"l{i + 1}", place, axis=axis), link(f"l{i + 1}", 1.0)]

@@ -1,7 +1,5 @@
 """The factor of a stiffness solves as a dense one does, fills in little, and is refused where something is free."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """`armflex fem`: beams are Timoshenko's, every reader gives the same part, and broken meshes are named by line."""
 
-from __future__ import annotations
-
 import contextlib
 import shutil
 from collections.abc import Callable
@@ -410,11 +408,7 @@ BROKEN: dict[str, tuple[Callable[[Path], Path], tuple[object, ...], str]] = {
         "bar.inp:111: *NSET names '777', which is not there",
     ),
     "an inverted element": (edited(swapped), (), "element 1 (C3D10) has no positive volume"),
-    "a brick whose corners alone are exchanged": (
-        folded,
-        (),
-        "element 1 (C3D20) has no positive volume",
-    ),
+    "a brick whose corners alone are exchanged": (folded, (), "element 1 (C3D20) has no positive volume"),
     "a part on its own": (two_apart, (), "is not connected to 'root'"),
     "a missing set": (small, ("--loaded", "tipp"), "no set of bar.inp named 'tipp', did you mean 'TIP'"),
     "a missing material": (

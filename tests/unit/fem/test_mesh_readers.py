@@ -1,7 +1,5 @@
 """What a mesh's file has beside solids: the harmless is left out, sets are read, all else is named by line."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

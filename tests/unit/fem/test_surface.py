@@ -1,7 +1,5 @@
 """The surface that `armflex fem` writes beside a part, and the page that draws it bent."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rows 29 to 32 of the table of bad inputs: what an arm.toml may not say, and what it says in vain."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 
@@ -12,12 +10,7 @@ from support.two_links import ARM, GOOD, Q, codes, declared
 
 from armflex import Arm, Payload, load_arm
 from armflex.declaration import Source
-from armflex.errors import (
-    ArmFileError,
-    ArmflexWarning,
-    TableError,
-    UrdfError,
-)
+from armflex.errors import ArmFileError, ArmflexWarning, TableError, UrdfError
 from armflex.measured.joint_data import read_joint_data
 
 

@@ -1,7 +1,5 @@
 """The covariance of many parameters stands in a file beside the arm.toml: both belong together, or are refused."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 from pathlib import Path

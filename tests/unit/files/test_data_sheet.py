@@ -1,7 +1,5 @@
 """What a data sheet says: stiffness, a tool, how the base is mounted; in a file and from Python."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from inspect import getdoc

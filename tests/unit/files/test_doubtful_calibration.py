@@ -1,7 +1,5 @@
 """What [calibration] may say is flagged where no campaign is likely to have shown it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

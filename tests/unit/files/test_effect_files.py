@@ -1,7 +1,5 @@
 """[[effect]] in an arm.toml: read, refused, written, and predicted with, uncertainty included."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from pathlib import Path

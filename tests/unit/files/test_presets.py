@@ -1,7 +1,5 @@
 """The joint of the source paper as presets of tarm_like: its files, what each reading does, and the composed joint."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A calibrated arm is written from Python as the commands write it, and read again it predicts the same."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

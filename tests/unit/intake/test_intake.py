@@ -1,7 +1,5 @@
 """`intake`: exports of trackers and logs of controllers, as their programs write them, joined to one campaign."""
 
-from __future__ import annotations
-
 import csv
 import json
 import tomllib

@@ -1,7 +1,5 @@
 """`intake`: what is of one another in two files, and what is asked where that is not certain."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Sequence
 from pathlib import Path
@@ -424,3 +422,69 @@ def test_what_an_export_has_beside_readings_is_kept_or_said(tmp_path: Path) -> N
     kept = intake([tmp_path / "log.csv", points], 5e-5, {"RMS": "RMS"})
     assert kept.columns["RMS"] == [0.01] * 6
     assert found.columns["q_J1"][0] == 0.017453292520  # no digits of a conversion
+
+
+@pytest.mark.parametrize(
+    ("head", "cell"),
+    [("X [mm],Y [mm],Z [mm]", "'1,234.5',-0.5,2"), ("X [mm],Y [mm],Z [mm]", "1’234.5,−0.5,2"),
+     ("X [mm],Y [mm],Z [mm]", "0.12345D+04,-5.D-01,2"), ("X,Y,Z", "1234.5 mm,-0.5 mm,2 mm"),
+     ("X [mm],Y [mm],Z [mm]", "1\u00a0234.5,-0.5,2")],
+)  # fmt: skip
+def test_numbers_as_people_write_them(tmp_path: Path, head: str, cell: str) -> None:
+    rows = log(tmp_path / "log.csv", [f"P{i}" for i in range(1, 5)])
+    cell = cell.replace("'", '"')
+    (tmp_path / "export.csv").write_text(
+        "\n".join([f"Name,{head}", *(f"P{i},{cell}" for i in range(1, 5))]), encoding="utf-8"
+    )
+    found = intake([rows, tmp_path / "export.csv"], 5e-5)
+    assert [found.columns[axis][0] for axis in "xyz"] == pytest.approx([1.2345, -0.0005, 0.002])
+
+
+@pytest.mark.parametrize(
+    "heads", ["Axe {} [°]", "軸{}(度)", "Achse {} in Grad", "Asse{} (gradi)", "Eje {} (grados)", "Ist A{} [°]",
+              "J{} mesuré [deg]"],
+)  # fmt: skip
+def test_joints_are_called_in_other_languages(tmp_path: Path, heads: str) -> None:
+    path = log(tmp_path / "log.csv", ["P1", "P2", "P3"])
+    text = path.read_text().replace("J1 [deg],J2 [deg]", f"{heads.format(1)},{heads.format(2)}")
+    path.write_text(text, encoding="utf-8")
+    found = intake([path], None)
+    q = [values for name, values in found.columns.items() if name.startswith("q_")]
+    assert np.allclose(q, np.radians([[1, 2, 3], [-90, -90, -90]]))
+
+
+@pytest.mark.parametrize("head", ["target_q_{0},actual_q[{0}]", "target_q{0},actual_q{0}"])
+def test_where_the_joints_are_outweighs_where_they_were_to_be(tmp_path: Path, head: str) -> None:
+    names = ",".join(head.format(i) for i in range(6))
+    rows = [",".join(f"{0.1 * j + 0.2 * k + 1.0:.3f},{0.1 * j + 0.2 * k:.3f}" for j in range(6)) for k in range(3)]
+    (tmp_path / "log.csv").write_text("\n".join([f"point,{names}", *(f"P{k},{row}" for k, row in enumerate(rows))]))
+    found = intake([tmp_path / "log.csv"], None)
+    assert found.columns["q_shoulder_pan_joint"] == pytest.approx([0.0, 0.2, 0.4])
+    assert found.columns["q_wrist_3_joint"] == pytest.approx([0.5, 0.7, 0.9])
+
+
+@pytest.mark.parametrize(
+    ("head", "names", "said"),
+    [("# Units: mm\n# Units: m\n", "X,Y,Z", "'X' is stated as mm, m: --take"),
+     ("# Length unit: inches\n", "X [mm],Y [mm],Z [mm]", "head says inches: --take 'X .mm.=x_mm'")],
+)  # fmt: skip
+def test_units_that_contradict_are_asked_about(tmp_path: Path, head: str, names: str, said: str) -> None:
+    rows, points = log(tmp_path / "log.csv", ["P1", "P2", "P3"]), tmp_path / "export.csv"
+    points.write_text(head + f"Name,{names}\nP1,1.5,2,3\nP2,2.5,2,3\nP3,3.5,2,3\n")
+    with pytest.raises(InputError, match=said):
+        intake([rows, points], 5e-5)
+    taken = {name: f"{axis}_mm" for name, axis in zip(names.split(","), "xyz", strict=True)}
+    assert intake([rows, points], 5e-5, taken).columns["x"] == pytest.approx([0.0015, 0.0025, 0.0035])
+
+
+def test_the_form_of_a_dh_table_is_what_it_says(tmp_path: Path) -> None:
+    rows, path = log(tmp_path / "log.csv", ["P1", "P2", "P3"]), tmp_path / "dh.csv"
+    before = "joint,alpha i-1 [deg],a i-1 [mm],d [mm],theta"
+    for text in (f"# Modified DH (Craig)\n{DH}\n" + "\n".join(ROWS), f"{before}\n1,-90,100,500,q1\n2,0,550,0,q2-90°"):
+        path.write_text(text, encoding="utf-8")
+        arm = intake([path, rows], None).arm
+        assert arm is not None
+        assert 'dh = "modified"' in arm
+        assert "J2 = { theta_deg = -90.0, d_mm = 0.0, a_mm = 550.0, alpha_deg = 0.0 }" in arm
+        with pytest.raises(InputError, match="--dh standard, and the table is modified DH"):
+            intake([path, rows], None, dh="standard")

@@ -1,7 +1,5 @@
 """`intake` of lost targets and coarse clocks, of the joints of bags, and of files that were cut."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable, Iterable, Sequence
@@ -34,7 +32,8 @@ def export(folder: Path, rows: Iterable[str], head: str = "time,x_mm,y_mm,z_mm")
 
 
 @pytest.mark.parametrize("empty", ["-3.697314E28," * 3, "0,0,0.000,", "-9999.99," * 3, "9999,12,13,", "nan,nan,NaN,",
-                                   "-1,-1,-1,", ",,,", "---,---,---,", "1.7e308,2,3,"])  # fmt: skip
+                                   "-1,-1,-1,", ",,,", "---,---,---,", "1.7e308,2,3,", "####,####,####,",
+                                   "Beam broken,,,", "nicht gemessen,,,"])  # fmt: skip
 def test_a_lost_target_is_in_no_mean(tmp_path: Path, empty: str) -> None:
     rows = [f"{t:.3f},{empty[:-1] if i % 7 == 0 else '{:.4f},{:.4f},{:.4f}'.format(*at)}"
             for i, (t, at) in enumerate(zip(TT, MM, strict=True))]  # fmt: skip
@@ -48,7 +47,8 @@ def test_a_lost_target_is_in_no_mean(tmp_path: Path, empty: str) -> None:
     [("Valid", "0", "1"), ("is_tracked", "no", "yes"), ("tracking_state", "0", "2"), ("confidence", "0.0", "0.97"),
      ("NumMarkers", "0", "4"), ("occluded", "1", "0"), ("Lost", "True", "False"), ("status", "out of view", "ok"),
      ("flags", "invalid", ""), ("Lock", "-1", "1"), ("Error code", "17", "0"), ("beam", "broken", "locked"),
-     ("Ergebnis", "n.i.O.", "i.O."), ("Measured", "FALSE", "TRUE")],
+     ("Ergebnis", "n.i.O.", "i.O."), ("Measured", "FALSE", "TRUE"), ("Gültig", "nein", "ja"), ("Valide", "non", "oui"),
+     ("Outlier", "1", "0"), ("Active", "No", "Yes"), ("Target present", "0", "1")],
 )  # fmt: skip
 def test_a_column_that_says_lost_is_believed(tmp_path: Path, header: str, gone: str, there: str) -> None:
     places = [MM[0] + 500.0 if i % 7 == 0 else place for i, place in enumerate(MM)]
@@ -66,6 +66,8 @@ def test_a_column_that_says_lost_is_believed(tmp_path: Path, header: str, gone: 
         ("Solution", "B", "A", ""),
         ("Status", "BeamLost", "OK", "valid"),
         ("Status", "Wobbly", "Steady", "valid"),
+        ("Blah", "0", "1", "valid"),
+        ("Kriterium", "ja", "nein", "error"),
     ],
 )
 def test_states_that_nobody_explains_are_asked_about(
@@ -499,3 +501,37 @@ def test_a_row_without_a_time_takes_the_times_of_none(tmp_path: Path) -> None:
     found = intake([tmp_path / "both.csv"], 5e-5)
     assert "time" not in found.columns
     assert any("line 3 of both.csv" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("value", [-1.0, -32768.0, 2147483647.0])
+def test_one_place_of_three_equal_whole_numbers_is_none(value: float) -> None:
+    places = MM[:20].copy()
+    places[3] = value
+    assert np.flatnonzero(lost(places)).tolist() == [3]
+    assert not lost(np.round(places[[0, 3, 5]])).any()  # a whole number among whole ones, once
+
+
+@pytest.mark.parametrize("shift", [50.0, 800.0])
+def test_a_target_that_jumps_while_the_arm_stands_is_in_no_mean(tmp_path: Path, shift: float) -> None:
+    still = np.flatnonzero(np.linalg.norm(MM - MM[0], axis=1) < 0.2)
+    places = MM.copy()
+    places[still[5 : len(still) // 3]] += shift
+    rows = [f"{t:.3f},{x:.4f},{y:.4f},{z:.4f}" for t, (x, y, z) in zip(TT, places, strict=True)]
+    found = intake([log(tmp_path), export(tmp_path, rows)], 5e-5)
+    fits(found)
+    assert any("moves or jumps while the arm stands" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("form", [lambda t: f"{int(t // 60):02d}:{t % 60:06.3f}",
+                                  lambda t: f"0:{int(t // 60)}:{t % 60:.3f}"])  # fmt: skip
+def test_clocks_as_a_stopwatch_has_them(tmp_path: Path, form: Callable[[float], str]) -> None:
+    rows = [f"{form(t)},{x:.4f},{y:.4f},{z:.4f}" for t, (x, y, z) in zip(TT, MM, strict=True)]
+    fits(intake([log(tmp_path), export(tmp_path, rows)], 5e-5))
+
+
+def test_frames_of_a_second_are_not_hundredths(tmp_path: Path) -> None:
+    """A timecode counts frames after its third colon, and says nowhere how many are a second."""
+    rows = [f"10:00:{int(t % 60):02d}:{int(t * 25) % 25:02d},{x:.4f},{y:.4f},{z:.4f}"
+            for t, (x, y, z) in zip(TT, MM, strict=True)]  # fmt: skip
+    with pytest.raises(InputError, match=r"'time' has '10:00:.*' *, which is no time"):
+        intake([log(tmp_path), export(tmp_path, rows)], 5e-5)

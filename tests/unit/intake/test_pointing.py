@@ -1,7 +1,5 @@
 """Pointing runs of telescopes: TPOINT's forms and the MMT's records become a campaign, or are refused by line."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

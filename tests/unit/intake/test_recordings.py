@@ -1,7 +1,5 @@
 """`intake` of recordings: bags, motion captures, controllers' traces; the arm counts where it stands."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from pathlib import Path

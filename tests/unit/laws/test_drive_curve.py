@@ -1,7 +1,5 @@
 """A curve over a drive's position: a sum of sines, of which it has the columns, the same in a file and in C."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Every law of the catalogue, and every shape without a name, at work in an arm and as columns of a fit."""
 
-from __future__ import annotations
-
 import multiprocessing
 import pickle
 from concurrent.futures import ProcessPoolExecutor
@@ -26,7 +24,7 @@ from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Act
 from armflex.laws.effects.guide import GUIDE
 from armflex.laws.effects.hysteresis import play
-from armflex.laws.effects.telescope import TELESCOPE
+from armflex.laws.effects.telescope_bending import TELESCOPE_BENDING
 from armflex.laws.effects.tool_shift import ALWAYS
 from armflex.laws.effects.unnamed import PRODUCT, WAVE_PRODUCT
 from armflex.laws.row import Row
@@ -127,7 +125,7 @@ def untimed(stage: Stage) -> Context:
 
 
 TIMED = ("slip_step", "base_drift", "base_wandering", "drive_wandering", "instrument_moved", "creep", "cylinder_leak")
-NOT_EVERYWHERE = (PRODUCT.name, WAVE_PRODUCT.name, GUIDE.name, TELESCOPE.name)
+NOT_EVERYWHERE = (PRODUCT.name, WAVE_PRODUCT.name, GUIDE.name, TELESCOPE_BENDING.name)
 
 
 @pytest.mark.parametrize("name", [name for name in EVERY if name not in NOT_EVERYWHERE])

@@ -1,7 +1,5 @@
 """Effects at work: derivatives, paths checked and compensated with them, and the columns that they ask for."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

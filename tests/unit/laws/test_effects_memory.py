@@ -1,7 +1,5 @@
 """States that depend on the rows before: lagged temperatures and play, against closed forms and brute force."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 
@@ -192,3 +190,5 @@ def test_where_nothing_went_before_a_load_was_put_on_once():
     np.testing.assert_allclose(batch.displacement, alone, atol=1e-12)
     given = remembers.deflection(q[0], held, covariates={remembers.effects[0].state: 0.0})
     assert not given.flags and np.abs(given.twists).max() < 1e-15
+    prepared = remembers.prepared(held)
+    np.testing.assert_allclose([prepared(position) for position in q[::-1]], alone, atol=1e-12)

@@ -1,7 +1,5 @@
 """Guides of a telescopic joint: the law by hand, where it is offered, its file, and traced in a column of our own."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

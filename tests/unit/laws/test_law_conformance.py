@@ -1,7 +1,5 @@
 """What must hold of every law of the catalogue: a new one is in here by its line there and its `EXAMPLE`."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Trained laws in files: bit for bit there and back without torch; damaged or foreign files are refused, not run."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import pickle

@@ -1,8 +1,6 @@
 """Laws as terms: they are the law, their tangents are its derivatives, and a law that says nothing else is answered
 alike and at full speed by the engine, Pinocchio and exported C."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -123,10 +121,8 @@ class Curved(WithoutParameters):
     compliance: Array
 
     def terms(self) -> Terms:
-        open_, closed = (
-            table("q_yaw", -0.6, 0.4, [0.5, 1.0, 0.7, 1.2]),
-            table("q_yaw", 0.0, 1.3, [1.0, -2.0, 0.5], True),
-        )
+        open_ = table("q_yaw", -0.6, 0.4, [0.5, 1.0, 0.7, 1.2])
+        closed = table("q_yaw", 0.0, 1.3, [1.0, -2.0, 0.5], True)
         return [straight(self.compliance, open_), Term(1e-5 * np.eye(6)[5], factors=(closed,))]
 
 

@@ -1,7 +1,5 @@
 """Draws of learned laws: straight in their values, as their covariance means them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Laws that are learned on the whole arm: their derivatives, what always holds of them, and what tip readings teach."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re

@@ -1,7 +1,5 @@
 """Network laws: tangents, averages, flags, files, and the same as layers."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """A new effect is one file and one line: an axis that wobbles, as its file would have it, entered in the catalogue."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +21,7 @@ from armflex.laws.effects.location import drive_axis
 from armflex.laws.effects.shapes import on_axis, own_column, twists
 from armflex.laws.terms import waves
 from armflex.plan.design import instead
-from armflex.plan.hypotheses import named_effect, spelled
+from armflex.plan.effects_in_question import named_effect, spelled
 from armflex.show.report.words import called, labelled, units_of
 
 

@@ -1,7 +1,5 @@
 """A hinge that bends by one number is as uncertain however its link's frame is drawn."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

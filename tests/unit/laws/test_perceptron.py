@@ -1,7 +1,5 @@
 """Layers of the user's own: trained by torch, kept as layers and weights, and in an arm like any other law."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Polynomial laws: closed forms, derivatives, files, and loads that do not determine them."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 from itertools import pairwise
@@ -21,14 +19,7 @@ from armflex.bench.fitted import NOWHERE, predicted
 from armflex.bench.learners import Options, learner
 from armflex.errors import IdentifiabilityError, LawError, UnknownNameError
 from armflex.laws.joint.carried import AtNode
-from armflex.laws.joint.polynomial import (
-    FEATURES,
-    PolynomialLaw,
-    feature_values,
-    features_of,
-    from_tensors,
-    to_tensors,
-)
+from armflex.laws.joint.polynomial import FEATURES, PolynomialLaw, feature_values, features_of, from_tensors, to_tensors
 
 TABLE = ROBOTS / "tarm_like" / "a4_table_1.csv"
 PLAIN = ("linear+radial", "linear+radial+magnitude", "quadratic")

@@ -1,38 +1,18 @@
 """Composed joints against the paper's condensation, beam theory, and somebody else's root finder."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.optimize import root
-from support.small_arms import (
-    ROBOTS,
-    central_difference,
-    line_of,
-    one_joint,
-    random_compliance,
-    skew_parts,
-    write,
-)
+from support.small_arms import ROBOTS, central_difference, line_of, one_joint, random_compliance, skew_parts, write
 from support.structures import SPRING, STEEL, UP, nonlinear
 from support.two_links import GOOD
 
 from armflex import load_arm
 from armflex.errors import ArmFileError, LawError, UnknownNameError
-from armflex.laws import (
-    AtNode,
-    Beam,
-    LinearFit,
-    LinearLaw,
-    PositionDependentLaw,
-    Row,
-    Section,
-    StructuralLaw,
-    SubJoint,
-)
+from armflex.laws import AtNode, Beam, LinearFit, LinearLaw, PositionDependentLaw, Row, Section, StructuralLaw, SubJoint
 
 ROW = Row(np.zeros(1), {"j": 0})
 RIGID = LinearLaw(np.zeros((6, 6)))

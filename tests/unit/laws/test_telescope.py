@@ -1,7 +1,5 @@
 """A telescope that bends: the beam by hand, where it is offered, its file, in C, and traced in a boom."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,7 +17,7 @@ from armflex.laws.effects import Effect, Location
 from armflex.laws.effects.context import Records
 from armflex.laws.effects.in_arm import BoundTwist
 from armflex.laws.effects.location import Here
-from armflex.laws.effects.telescope import TELESCOPE
+from armflex.laws.effects.telescope_bending import TELESCOPE_BENDING
 from armflex.laws.joint.position_dependent import PositionDependentLaw
 
 EI, GJ = 1.0 / 1.5e-8, 1.0 / 2.5e-8
@@ -48,7 +46,9 @@ def cantilever(length: float) -> np.ndarray:
 def telescope(arm: Arm, declared_at: float, rigid: bool = False, way: str = "out") -> BoundTwist:
     spot = Location("M1", None, ("q_M1",), (0, 1), way)
     law = None if rigid else arm.flexures[0].law
-    return BoundTwist(Effect(TELESCOPE, spot, (1.0 / EI, 1.0 / GJ, CLAMPED, declared_at)), Here(spot, arm.robot, law))
+    return BoundTwist(
+        Effect(TELESCOPE_BENDING, spot, (1.0 / EI, 1.0 / GJ, CLAMPED, declared_at)), Here(spot, arm.robot, law)
+    )
 
 
 @pytest.mark.parametrize("position", [0.0, 0.7, 3.0, 6.0])
@@ -66,7 +66,7 @@ def test_it_adds_to_what_was_declared_or_takes_away_as_its_words_say(tarm):
     side = np.array([1000.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     sags = [telescope(tarm, 2.0).twist(side, Row(np.array([q]), {"M1": 0}))[0] for q in (1.0, 2.0, 3.0)]
     assert sags[0] < -1e-9 and abs(sags[1]) < 1e-15 and sags[2] > 1e-9
-    assert "beyond which this adds to it and short of which it takes away" in TELESCOPE.words.meaning
+    assert "beyond which this adds to it and short of which it takes away" in TELESCOPE_BENDING.words.meaning
 
 
 def test_driven_in_it_is_a_beam_the_other_way_that_gets_shorter(tarm):
@@ -79,9 +79,9 @@ def test_driven_in_it_is_a_beam_the_other_way_that_gets_shorter(tarm):
 
 
 def test_it_is_offered_where_something_slides_and_nowhere_else(tarm, heavy):
-    places = list(TELESCOPE.places(Records(tarm.robot)))
+    places = list(TELESCOPE_BENDING.places(Records(tarm.robot)))
     assert {one.site for one in places} == {"M1"} and {one.partner for one in places} == {"out", "in"}
-    assert not list(TELESCOPE.places(Records(heavy.robot)))
+    assert not list(TELESCOPE_BENDING.places(Records(heavy.robot)))
 
 
 TABLE = """

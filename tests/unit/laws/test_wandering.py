@@ -1,7 +1,5 @@
 """What wanders in time: terms of a random walk, as on the campaign's clock, and what is left of it afterwards."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +12,7 @@ from armflex import Arm
 from armflex.laws.effects import Effect, Location
 from armflex.laws.effects.effect import full
 from armflex.laws.effects.wandering import BASE_WANDERING, DRIVE_WANDERING, RATES, WALK_TERMS, walk_terms
-from armflex.rows.clock import Period
+from armflex.rows.period import Period
 
 START, END = 100.0, 5000.0
 SIZES = 1e-3 * np.random.default_rng(0).normal(size=WALK_TERMS)

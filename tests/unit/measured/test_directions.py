@@ -1,7 +1,5 @@
 """Two angles of what an axis points at, or of a point from a theodolite: read, fitted, refused where they are none."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

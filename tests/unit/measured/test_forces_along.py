@@ -1,7 +1,5 @@
 """Loads from outside along a path: columns, options and tables of them, in every command that takes rows."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -245,17 +243,7 @@ def test_help_says_what_the_files_are_and_where_forces_go(armflex: Run, command:
     text = " ".join(fine(armflex(command, "--help")).stdout.split())
     for name in ("ARM", "TRAJ.csv", "ROWS.csv", "MEAS.csv", "JOINT.csv"):
         assert (name in text.partition("Options:")[0].split()) <= (f"{name} {FILES[name][:20]}" in text)
-    loaded = command not in (
-        "plan",
-        "rehearse",
-        "intake",
-        "train",
-        "fem",
-        "demo",
-        "prior",
-        "history",
-        "schema",
-    )
+    loaded = command not in ("plan", "rehearse", "intake", "train", "fem", "demo", "prior", "history", "schema")
     assert loaded == ("--force" in text) and command in " ".join(fine(armflex("--help")).stdout.split())
 
 

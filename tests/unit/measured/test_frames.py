@@ -1,7 +1,5 @@
 """A data frame is taken wherever a table is, with the same result and the same errors; rows are named by the index."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 from pathlib import Path

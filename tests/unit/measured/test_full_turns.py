@@ -1,7 +1,5 @@
 """Joint positions that a log counts within one turn are those of the joint's limits, and one line says so."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Heights above a table whose own height and tilt nobody measured."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Several campaigns as one: names, columns, times, loads and readings of its rows, and what is not remembered."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

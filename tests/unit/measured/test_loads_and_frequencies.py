@@ -1,7 +1,5 @@
 """Frequencies, torques and forces as readings: from arm.toml and CSV to a calibrated arm, and what is refused."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Reading a campaign: what is converted, kept and masked, and what is refused with row and column."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from pathlib import Path

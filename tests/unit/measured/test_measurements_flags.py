@@ -1,7 +1,5 @@
 """Axes, enough poses, and the noise that repeats tell."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

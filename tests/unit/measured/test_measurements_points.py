@@ -1,7 +1,5 @@
 """Points that an instrument's program exported, joined with the rows of a campaign."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

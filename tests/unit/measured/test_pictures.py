@@ -1,7 +1,5 @@
 """Cameras and printed boards: what OpenCV projects is fitted to, its pictures are read, and bad input is refused."""
 
-from __future__ import annotations
-
 import re
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Rows without readings, and readings of kinds: what every kind says of itself, and that no one else need know."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

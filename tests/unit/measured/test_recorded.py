@@ -1,7 +1,5 @@
 """What is recorded beside readings: columns of joints with long names, dates, rows beyond a limit."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

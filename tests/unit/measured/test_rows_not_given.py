@@ -1,7 +1,5 @@
 """What the rows of a table do not say is an error where an effect needs it, never a guess without a word."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

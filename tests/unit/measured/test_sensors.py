@@ -1,25 +1,12 @@
 """Campaigns of wires, levels, accelerometers and further targets, from the files to what is predicted; bad input."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from support.instruments import (
-    ACCELERATION,
-    CAMERA,
-    ENCODER,
-    LEVEL,
-    TARGET,
-    WIRE,
-    Machine,
-    heavy,
-    in_base,
-    measured,
-)
+from support.instruments import ACCELERATION, CAMERA, ENCODER, LEVEL, TARGET, WIRE, Machine, heavy, in_base, measured
 
 from armflex import Reading, Tracker, calibrate, load_arm, plan, predict, read_measurements
 from armflex.conventions import TWIST_NAMES

@@ -1,7 +1,5 @@
 """Tables as programs of all countries write them, and as ours are read by theirs."""
 
-from __future__ import annotations
-
 import csv
 import io
 import sys

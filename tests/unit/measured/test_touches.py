@@ -1,7 +1,5 @@
 """Touches: sockets found with the arm, a length that is needed, surfaces, and poses on the contact."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Trajectories: what is written is read back bit for bit, units are converted once, bad files are refused by line."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

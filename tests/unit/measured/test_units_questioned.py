@@ -1,7 +1,5 @@
 """Degrees that look like radians and the reverse are questioned before anything is computed with them."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from pathlib import Path

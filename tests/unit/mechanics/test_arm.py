@@ -1,7 +1,5 @@
 """Arms and results as things to hold: copied, sent to other processes, printed, shared."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 import threading

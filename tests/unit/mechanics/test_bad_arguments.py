@@ -1,7 +1,5 @@
 """Rows 19 to 28 of the table of bad inputs: positions, poses, names, payloads, units, gravity."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -1,7 +1,5 @@
 """Many configurations at once, by compiled code, against each of them alone, which Pinocchio answers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

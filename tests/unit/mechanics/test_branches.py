@@ -1,7 +1,5 @@
 """Joints off the chain that move from row to row: their weight bends the arm as if it were held there."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

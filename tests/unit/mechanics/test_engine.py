@@ -1,7 +1,5 @@
 """The engine against Pinocchio on arms drawn at random, and what its tables and its build refuse."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path

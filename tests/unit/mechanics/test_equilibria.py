@@ -1,7 +1,5 @@
 """Many rows solved together, against each of them solved alone; and laws asked about many loads at once."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

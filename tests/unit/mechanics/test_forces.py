@@ -1,7 +1,5 @@
 """Known forces, one for each row: in batches, in campaigns, and what a table that holds them may get wrong."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

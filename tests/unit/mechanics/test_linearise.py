@@ -1,7 +1,5 @@
 """Every answer of a linearised arm is what the whole arm does when it is changed a little."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Arms with loops or springs, compiled: the answers, branches and errors are those of Pinocchio."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path

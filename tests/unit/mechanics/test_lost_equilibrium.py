@@ -1,7 +1,5 @@
 """Rows 33 to 35 of the table of bad inputs: equilibria that are not found, do not stand, or are too far away."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 

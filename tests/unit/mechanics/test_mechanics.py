@@ -1,7 +1,5 @@
 """Deflection against closed forms, finite differences, and the symmetries that any elastic arm has."""
 
-from __future__ import annotations
-
 import sys
 import warnings
 from concurrent.futures import ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """Machines with loops: how they answer, which way they close, and what is refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

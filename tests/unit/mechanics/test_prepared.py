@@ -1,7 +1,5 @@
 """An arm inside a control loop: the answers and the errors of `deflection`; and the proof that an arm stays."""
 
-from __future__ import annotations
-
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace

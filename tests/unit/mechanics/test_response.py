@@ -1,7 +1,5 @@
 """The compiled engine's linear response against Pinocchio's, on arms of every shape; its derivation shares nothing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -89,10 +87,8 @@ def test_bases_branches_slides_and_seams(tmp_path):
 @pytest.mark.parametrize("kind", ["effects", "effects on structures", "structural"])
 def test_curved_laws_and_pulls(tmp_path, kind):
     """Tangents of effects are differences, whose rounding both engines see otherwise."""
-    arm, q = (
-        replace(three_joints(tmp_path, laws_of(kind)), effects=effects()),
-        positions(bundled("heavy_six"), 9)[:, :3],
-    )
+    arm = replace(three_joints(tmp_path, laws_of(kind)), effects=effects())
+    q = positions(bundled("heavy_six"), 9)[:, :3]
     found = respond(arm, q, ["none"] * 9, KNOWN)
     assert_like_pinocchio(arm, q, ["none"] * 9, found, KNOWN, 1e-6)
 
@@ -187,14 +183,10 @@ def test_any_link_is_asked_as_the_tip_is(tmp_path, name):
 def test_what_is_asked_together_is_what_is_asked_alone(name):
     """With rows of two payloads in turn, which do not follow each other."""
     arm = bundled(name)
-    q, bodies = (
-        positions(arm, 4) if arm.chain else np.tile(arm.position(), (4, 1)),
-        [Payload(15.0, [0.2, 0.1, 0.0]), "none"] * 2,
-    )
-    together, alone = (
-        respond(arm, q, bodies, ask=("joints", "twists", "link_loads", "wrenches", "links")),
-        respond(arm, q, bodies),
-    )
+    q = positions(arm, 4) if arm.chain else np.tile(arm.position(), (4, 1))
+    bodies = [Payload(15.0, [0.2, 0.1, 0.0]), "none"] * 2
+    together = respond(arm, q, bodies, ask=("joints", "twists", "link_loads", "wrenches", "links"))
+    alone = respond(arm, q, bodies)
     for member in ("links", "wrenches", "laws", "joints", "twists", "link_loads"):
         assert_close(getattr(together, member), getattr(alone, member), 1e-12)
     assert_close(together.per_load[1:2], respond(arm, q[1:2], ["none"], ask=("per_load",)).per_load, 1e-12)

@@ -3,8 +3,6 @@
 Each refusal must be a `UrdfError` that names file and line and the nearest valid name; the ids carry the row.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -25,11 +23,7 @@ from support.two_links import (
 )
 
 from armflex import Arm, Flexure, load_arm
-from armflex.errors import (
-    ArmflexWarning,
-    UnsupportedError,
-    UrdfError,
-)
+from armflex.errors import ArmflexWarning, UnsupportedError, UrdfError
 from armflex.laws import LinearLaw
 from armflex.mechanics.pinocchio_model import build_model
 from armflex.robot import Site, load_robot
@@ -186,12 +180,7 @@ EDITS: dict[str, tuple[str, str, tuple[str, ...], str]] = {
     "row07-two-masses": (MASS, f'{MASS}\n<mass value="7"/>', ("more than one <mass>",), '"7"'),
     "row07-two-inertias": (INERTIA, f'{INERTIA}\n<inertia ixx="9"/>', ("more than one <inertia>",), 'ixx="9"'),
     "row05-loop-joint": ("</robot>", '\n<loop_joint name="l"/></robot>', ("closed loops are not",), "<loop_joint"),
-    "row07-inertial-without-mass": (
-        MASS,
-        "",
-        ("<inertial> needs <mass>",),
-        UPPER_INERTIAL,
-    ),
+    "row07-inertial-without-mass": (MASS, "", ("<inertial> needs <mass>",), UPPER_INERTIAL),
     "row07-inertial-without-inertia": (INERTIA, "", ("needs <inertia>",), UPPER_INERTIAL),
     "row07-xacro": (MASS, MASS + '<xacro:m xmlns:xacro="http://ros.org/wiki/xacro"/>', ("xacro", "expand"), ":m xmlns"),
     "row07-misspelt-origin": (ELBOW_ORIGIN, '<origin xzy="1.0 0 0"/>', ("'xyz'", "'xzy'"), "xzy"),
@@ -204,12 +193,7 @@ EDITS: dict[str, tuple[str, str, tuple[str, ...], str]] = {
         '<link name="fore"/>',
     ),
     "row10-mass-zero": (MASS, '<mass value="0"/>', ("'upper'", "0 kg"), UPPER_INERTIAL),
-    "row10-mass-negative": (
-        MASS,
-        '<mass value="-100"/>',
-        ("'upper'", "-100 kg"),
-        UPPER_INERTIAL,
-    ),
+    "row10-mass-negative": (MASS, '<mass value="-100"/>', ("'upper'", "-100 kg"), UPPER_INERTIAL),
     "row10-mass-negative-on-a-fixed-link": (
         '<link name="tool"/>',
         '<link name="tool"><inertial><mass value="-1"/><inertia ixx="1" iyy="1" izz="1"/></inertial></link>',
@@ -472,12 +456,7 @@ WEIGHS = {
 HARMLESS = {
     "inertia-nan": ('ixx="0.01"', 'ixx="nan"', "off_the_chain", "the body counts as a point"),
     "inertia-missing": ('<inertia ixx="0.01" iyy="0.01" izz="0.01"/>', "", "off_the_chain", "counts as a point"),
-    "inertia-triangle": (
-        'ixx="0.01"',
-        'ixx="0.03"',
-        "impossible_inertia",
-        "rests does not depend on them",
-    ),
+    "inertia-triangle": ('ixx="0.01"', 'ixx="0.03"', "impossible_inertia", "rests does not depend on them"),
     "inertia-negative": ('ixx="0.01"', 'ixx="-0.01"', "impossible_inertia", "not all positive"),
     "stray-tag": ("<visual>", "<colour/><visual>", "off_the_chain", "it is passed over"),
     "stray-origin": ("<inertial>", '<origin xyz="0 0 0"/><inertial>', "unknown_tag", "passed over"),

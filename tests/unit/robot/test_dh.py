@@ -1,7 +1,5 @@
 """Arms by their Denavit-Hartenberg parameters instead of a URDF, and what a wire alone tells of one."""
 
-from __future__ import annotations
-
 import csv
 import re
 import warnings

@@ -1,35 +1,16 @@
 """What URDF files of others hold besides: extras, side branches, mimics, names; and damage anywhere."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from support.small_arms import ROBOTS, joint, link, write
-from support.two_links import (
-    ELBOW,
-    ELBOW_AXIS,
-    ELBOW_LIMIT,
-    GOOD,
-    INERTIA,
-    MASS,
-    assert_refused,
-    changed,
-    codes,
-)
+from support.two_links import ELBOW, ELBOW_AXIS, ELBOW_LIMIT, GOOD, INERTIA, MASS, assert_refused, changed, codes
 
 from armflex import load_arm
 from armflex.cli.options import declared_arm
-from armflex.errors import (
-    ArmflexError,
-    ArmflexWarning,
-    JointLimitError,
-    NotFiniteError,
-    UnknownNameError,
-    UrdfError,
-)
+from armflex.errors import ArmflexError, ArmflexWarning, JointLimitError, NotFiniteError, UnknownNameError, UrdfError
 from armflex.mechanics.pinocchio_model import build_model
 from armflex.robot import load_robot
 

@@ -1,7 +1,5 @@
 """Robots in xacro and MJCF: tips and loads as MuJoCo has them, and errors as good as those of a URDF."""
 
-from __future__ import annotations
-
 import re
 import sys
 from importlib.util import find_spec
@@ -296,17 +294,9 @@ BELOW = {
     "a package that it names": ("${k}", '<xacro:include filename="$(find armtest)/k.xacro"/>'),
 }
 REFUSED = {
-    "a file elsewhere": (
-        "${k}",
-        '<xacro:include filename="../k.xacro"/>',
-        r"opens .*\.\./k\.xacro, which is not",
-    ),
+    "a file elsewhere": ("${k}", '<xacro:include filename="../k.xacro"/>', r"opens .*\.\./k\.xacro, which is not"),
     "an optional one": ("1", '<xacro:include filename="/etc/passwd" optional="true"/>', "opens /etc/passwd, which is"),
-    "a link to elsewhere": (
-        "${k}",
-        '<xacro:include filename="link.xacro"/>',
-        r"opens .*link\.xacro, which is not",
-    ),
+    "a link to elsewhere": ("${k}", '<xacro:include filename="link.xacro"/>', r"opens .*link\.xacro, which is not"),
     "numbers elsewhere": ("${xacro.load_yaml('../k.yaml')['k']}", "", r"opens .*\.\./k\.yaml, which is not below"),
     "the environment": ("${len('$(env HOME)')}", "", "reads the environment variable 'HOME'"),
     "it, where it is there": ("$(optenv HOME 1)", "", "reads the environment variable 'HOME'"),

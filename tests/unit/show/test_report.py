@@ -1,7 +1,5 @@
 """The page of a traced arm: what it says, that names cannot harm it, and that it stands alone."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """`view`: what the page of an arm shows is what the arm does, drawn in process and from the URDF's own folder only."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

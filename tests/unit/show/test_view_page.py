@@ -1,7 +1,5 @@
 """The page is self-contained, escapes what it is given, and a real browser draws and plays it."""
 
-from __future__ import annotations
-
 import base64
 import os
 import re
@@ -14,16 +12,7 @@ import pytest
 from support.pages import BROWSER, hue_share, picture
 
 from armflex.show.view.meshcat_page import capsule_mesh, commands, render_page, tube_mesh
-from armflex.show.view.scene_3d import (
-    LegendRow,
-    Marker,
-    Node,
-    Polyline,
-    Scene,
-    Shape,
-    frame_camera,
-    scene_points,
-)
+from armflex.show.view.scene_3d import LegendRow, Marker, Node, Polyline, Scene, Shape, frame_camera, scene_points
 
 pytestmark = pytest.mark.slow
 

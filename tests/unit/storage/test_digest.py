@@ -1,7 +1,5 @@
 """The digest of an object: the same for what says the same, another for anything else, and none for what is unknown."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from dataclasses import dataclass, replace

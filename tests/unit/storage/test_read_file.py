@@ -1,7 +1,5 @@
 """Files of a user are read where they are files, and no further than is allowed."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

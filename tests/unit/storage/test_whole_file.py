@@ -1,7 +1,5 @@
 """Files are written whole, by one function, and keep the mode they had."""
 
-from __future__ import annotations
-
 import ast
 import json
 import os

@@ -1,7 +1,5 @@
 """`check`: verdicts against numbers worked out from `arm.deflection`, and nothing missed between the rows."""
 
-from __future__ import annotations
-
 import re
 import sys
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Effects of time hold for the clock of their campaign; everything else means the arm as it was left at its end."""
 
-from __future__ import annotations
-
 import csv
 import json
 import subprocess
@@ -20,8 +18,8 @@ from support.compiled_arm import COMPILER, compiled
 from armflex import Arm, calibrate, load_arm, map_workspace, predict, read_measurements
 from armflex.errors import ArmFileError, InputError
 from armflex.laws.terms import Factor, Of
-from armflex.measured.clock import as_in
-from armflex.rows.clock import Period
+from armflex.measured.campaign_clock import as_in
+from armflex.rows.period import Period
 
 BEGAN = datetime(2026, 3, 1, 8)
 SIZE, AT, LAST, WANDER = 3e-3, 500.0, 1990.0, 1e-6
@@ -205,10 +203,7 @@ def test_a_free_shape_over_time_is_its_mean_on_another_day(folder: Path, tmp_pat
 def test_other_files_of_the_clock_are_refused_by_name(folder: Path) -> None:
     arm, rows = load_arm(folder / "slip.toml"), write_rows(folder / "rows.csv", ASKED, EARLY)
     for path, text in (
-        (
-            rows,
-            r"rows.csv \(0 s to 400 s\) is none of .* that this arm was fitted to: slip.csv \(0 s to 1950 s\)",
-        ),
+        (rows, r"rows.csv \(0 s to 400 s\) is none of .* that this arm was fitted to: slip.csv \(0 s to 1950 s\)"),
         (write_rows(folder / "bare.csv", ASKED, None), r"bare.csv has no column 'time'"),
     ):
         with pytest.raises(InputError, match=text):

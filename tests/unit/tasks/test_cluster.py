@@ -1,7 +1,5 @@
 """Work in pieces is the same wherever it is done: in this process, in two, on a cluster that loses a worker."""
 
-from __future__ import annotations
-
 import os
 import signal
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """`compensate`: the loaded tip is where the rigid arm's would be, by another solver; what cannot be reached is said."""
 
-from __future__ import annotations
-
 import itertools
 import re
 import shutil

@@ -1,7 +1,5 @@
 """ISO 9283 pose characteristics against cases worked out by hand, and of a machine that was put together."""
 
-from __future__ import annotations
-
 import csv
 import json
 from dataclasses import replace

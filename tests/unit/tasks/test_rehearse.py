@@ -1,7 +1,5 @@
 """What a rehearsal promises is what a trace of the same campaign then finds."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Many rows are worked on in pieces and threads: what comes out is what all of them together give."""
 
-from __future__ import annotations
-
 import importlib
 from pathlib import Path
 

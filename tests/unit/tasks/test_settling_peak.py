@@ -1,7 +1,5 @@
 """The swing of a tip: its peak is where it is farthest off, whatever distance counts as settled."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

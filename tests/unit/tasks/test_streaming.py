@@ -1,7 +1,5 @@
 """Rows that come some at a time: as all at once, in memory that does not grow with them, whole or not at all."""
 
-from __future__ import annotations
-
 import csv
 import os
 import subprocess

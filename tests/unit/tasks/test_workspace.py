@@ -1,7 +1,5 @@
 """Workspace maps: against a plain loop and a closed form; questions without sense."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os

@@ -1,7 +1,5 @@
 """What a traced arm predicts: the average over models, and the calibrated arm where that predicts held-out poses."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

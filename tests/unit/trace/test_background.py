@@ -1,7 +1,5 @@
 """Families in a fit: their evidence is that of Gaussian readings, walks move their rows, and an arm keeps them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

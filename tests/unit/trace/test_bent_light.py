@@ -1,7 +1,5 @@
 """What telescopes and long beams lack: a support that lifts off its stop is named, and air that bends a beam."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

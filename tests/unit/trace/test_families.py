@@ -1,7 +1,5 @@
 """What drives have in common: found where all have a little of it, not where one has much, nor where none has any."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

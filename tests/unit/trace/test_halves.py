@@ -1,7 +1,5 @@
 """Names of halves of a campaign: counted by hand, and those of a campaign in which one effect is missing."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A tracker that was moved between two halves of a campaign that says nothing of sessions."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Which kinds of effect a calibrated arm lacks, on machines of the plant: the hidden kind at its joint, no other."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

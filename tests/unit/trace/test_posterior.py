@@ -1,7 +1,5 @@
 """The evidence of sets of hypotheses: closed forms by quadrature, probabilities that hold, and whole searches."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

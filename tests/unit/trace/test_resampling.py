@@ -1,7 +1,5 @@
 """Resamples of a campaign: as far apart as its parts are beyond the noise, and the certainty that is left."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.linear_problems import of_readings, problem

@@ -1,7 +1,5 @@
 """The steps of a trace one by one: what is possible at all, what is one effect, and what competes with chance."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 from types import SimpleNamespace

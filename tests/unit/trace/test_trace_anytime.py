@@ -1,7 +1,5 @@
 """A search says what it does, and never makes an arm worse."""
 
-from __future__ import annotations
-
 import dataclasses
 import errno
 import os

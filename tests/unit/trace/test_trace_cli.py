@@ -1,7 +1,5 @@
 """`armflex trace`: one campaign from the shell, with its points exported apart, and one that lacks nothing."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import json

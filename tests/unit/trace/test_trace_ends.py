@@ -1,7 +1,5 @@
 """Every trace ends with a result: states that lead to one another, what shows nothing, bounds, Ctrl-C."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

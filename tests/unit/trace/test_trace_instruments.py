@@ -1,7 +1,5 @@
 """Traces of campaigns that wires, levels and encoders read, beside a tracker or without; small draws of the studies."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

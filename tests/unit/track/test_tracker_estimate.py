@@ -1,7 +1,5 @@
 """What an update of a tracker makes of its estimate."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

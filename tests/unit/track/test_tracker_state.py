@@ -1,7 +1,5 @@
 """A tracker's state in a file: goes on as if nothing had been, or is refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -9,8 +9,6 @@ position 0; s is +1 where positive positions drive the beam out (partner `out`),
 constant compliance that was declared is right at `declared_at`; where none was, L_d is 0.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np
@@ -71,7 +69,7 @@ def _terms(here: Here, inner: Values) -> list[list[Term]]:
     return [[straight(matrix, *powers(own_column(here), n)) for n, matrix in enumerate(matrices)] for matrices in each]
 
 
-TELESCOPE = TwistLaw(
+TELESCOPE_BENDING = TwistLaw(
     name="unnamed_telescope",
     words=Words(
         "bending of a telescope",

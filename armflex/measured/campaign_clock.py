@@ -16,7 +16,7 @@ from armflex.arm import Arm
 from armflex.errors import InputError, listing
 from armflex.measured.measurements import Measurements, as_measurements
 from armflex.measured.table import Tabular
-from armflex.rows.clock import TICK, Period
+from armflex.rows.period import TICK, Period
 
 
 @checked_kinds
