@@ -131,7 +131,7 @@ def _unread(source: SourceTable, meaning: Meaning, cells: Sequence[str], counted
         row = next(i for i, cell in enumerate(cells) if cell != usual)
         name, place = meaning.column, Place(source.path, source.lines[row])
         text = f"{name!r} is {shown(cells[row], 20)} here and {shown(usual, 20)} in most rows: is that a reading?"
-        if any(map(NUMBER.fullmatch, filter(None, said))):
+        if any(form.fullmatch(cell) for form in (NUMBER, YES, NO) for cell in said if cell):
             text += f" --take '{name}=valid' if 0 is none, '{name}=error' if only 0 is one, '{name}=unused' if all are"
         else:
             others = listing(repr(cell) for cell in dict.fromkeys(cells) if cell != usual and said[cell] is None)
