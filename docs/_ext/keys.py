@@ -439,6 +439,7 @@ COLUMNS: dict[str, dict[str, Key]] = {
     "trajectory.csv": {
         **_ROW,
         "via": Key("name of the via-point that the row is", default="none"),
+        "tolerance": Key("largest displacement of the tip that `check` allows in the row", "m", "`--tolerance`"),
         "v_JOINT": Key("joint velocities, of every joint, where inertial loads count", "rad/s or m/s", "slow"),
         "a_JOINT": Key("joint accelerations, of every joint", "rad/s² or m/s²", "slow"),
         "target_JOINT": Key(
