@@ -89,7 +89,7 @@ def test_check_json_and_exit_code(armflex: Run, tmp_path: Path, robot: Path, tol
     more = {"angle_rad", "samples", "load_factor", "relative_sigma_m", "flags", "base", "tip"}
     assert set(found) == {"armflex", "format", "ok", "tolerance_m", "via_points", "path_worst"} | more
     assert found["format"] == "armflex-check-1" and found["ok"] == (code == 0)
-    more = POINT | {"margin_rad", "payload", "reason"}
+    more = POINT | {"margin_rad", "payload", "reason", "tolerance_m"}
     assert all(set(point) == more for point in [*found["via_points"], found["path_worst"]])
     said = {"ok": "is within", "uncertain": "is NOT certain to be within", "fail": "is NOT within"}
     assert f"The path {said[found['path_worst']['verdict']]} tolerance" in result.stdout
