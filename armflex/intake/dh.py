@@ -64,8 +64,8 @@ BEFORE = re.compile(r"(?:alpha|α|a)[_ ]?\(?i ?- ?1\)?")
 """How a column is called of a row in Craig's, the modified form: it belongs to the link before."""
 
 FORMS = {
-    "modified": re.compile(r"\b(?:modifi\w*|craig|proximal|khalil\w*|mdh)\b", re.IGNORECASE),
-    "standard": re.compile(r"\b(?:standard|distal|classic(?:al)?|paul|sdh)\b", re.IGNORECASE),
+    "modified": re.compile(r"\b(?:(?:modified|proximal)[ -]+(?:dh|denavit)\w*|craig|khalil\w*|mdh)\b", re.IGNORECASE),
+    "standard": re.compile(r"\b(?:(?:standard|distal|classic(?:al)?)[ -]+(?:dh|denavit)\w*|sdh)\b", re.IGNORECASE),
 }
 """What a title or a comment says of the form of a table."""
 

@@ -3,8 +3,8 @@
 Readings are linear in amplitudes and, about a fit, in all that is fitted anyway, so that the mean of what some models
 predict is what one arm predicts that has all their effects, each with the mean of its amplitude over the models, zero
 in those that lack it (Hoeting, Madigan, Raftery and Volinsky 1999, "Bayesian model averaging: a tutorial", Statistical
-Science 14). The covariance of values has two parts, what each model leaves uncertain and how values x differ between
-models,
+Science 14). Loads times compliances are not linear: the values are then moved to where the arm does predict that mean.
+The covariance of values has two parts, what each model leaves uncertain and how values x differ between models,
 
     Cov(x) = E[Cov(x | model)] + Cov(E[x | model]).
 
@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,10 +29,14 @@ from scipy.special import ndtri
 
 from armflex.arm import Setup
 from armflex.conventions import Array
+from armflex.errors import ArmflexError
 from armflex.estimate.block import Block, EffectBlock, parameters_of, places_of
-from armflex.estimate.fit import moved, realise
+from armflex.estimate.fit import ROUGH, THOROUGH, moved, realise
 from armflex.estimate.held_out import errors_of, held_out, pose_folds
+from armflex.estimate.robust import whitened_regressors, whitened_residual
+from armflex.estimate.view import View, look
 from armflex.laws.effects.effect import Effect
+from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import DOUBT, Certainty, numbers_of
 from armflex.trace.probabilities import Drawn, bagged
 from armflex.trace.resampling import Resampled
@@ -161,8 +166,40 @@ def averaged(state: State, evidence: Dense, own: Model, drawn: Sequence[Drawn]) 
     whole[np.ix_(places, places)] = spread
     step[places] = samples.mean(axis=0) - begun
     blocks = (*fit.blocks, *rivals)
-    values = moved(blocks, np.concatenate([fit.values, np.zeros(count - len(fit.values))]), step)
-    return Averaged(state, rivals, values, whole, shares=tuple(shares[number] / len(drawn) for number in kept))
+    start = np.concatenate([fit.values, np.zeros(count - len(fit.values))])
+    view, weights = _looked_at(state, blocks, start), fit.weights
+    wanted = whitened_residual(view, weights) - whitened_regressors(blocks, view, weights) @ step
+    average = Averaged(state, rivals, moved(blocks, start, step), whole)
+    return replace(_settled(average, wanted), shares=tuple(shares[number] / len(drawn) for number in kept))
+
+
+def _looked_at(state: State, blocks: Sequence[Block], values: Array) -> View:
+    """Return the fitted rows at some values."""
+    return look(realise(state.declared, blocks, values), state.fit.view.driven, state.fit.view.rows)
+
+
+def _settled(average: Averaged, wanted: Array) -> Averaged:
+    """Return an average whose arm predicts what it is to: (n,) whitened residuals, as the models leave on average.
+
+    Loads times compliances are not linear: half a compliance beside half a mass is a quarter of what they do together.
+    What is fitted anyway, and families, take over what the arm lacks; where it does not come to rest it is as it was.
+    """
+    state, fit, rest = average.state, average.state.fit, _rest_of(average.state)
+    best, values, least = average, average.values, np.inf
+    with suppress(ArmflexError):
+        for _ in range(ROUGH.iterations):
+            view = _looked_at(state, average.blocks, values)
+            beyond = whitened_residual(view, fit.weights) - wanted
+            if not (lacking := float(beyond @ beyond)) < least:
+                break
+            best, least = replace(average, values=values), lacking
+            if lacking < THOROUGH.flat:
+                break
+            columns = whitened_regressors(fit.blocks, view, fit.weights)[:, rest]
+            step, values = np.zeros(len(fit.values)), values.copy()
+            step[rest] = LinearGaussian.of(columns, fit.precision[rest]).solve(columns.T @ beyond)
+            values[: len(step)] = moved(fit.blocks, values[: len(step)], step)
+    return best
 
 
 def beside_calibrated(average: Averaged, folds: Folds, resamples: Resampled) -> Averaged:
@@ -187,13 +224,12 @@ def beside_calibrated(average: Averaged, folds: Folds, resamples: Resampled) -> 
     calibrated[inner] = values[inner]
     apart = values - calibrated
     spread = share * average.spread + share * (1.0 - share) * np.outer(apart, apart)
-    return replace(
-        average,
-        values=calibrated + share * apart,
-        spread=spread,
-        errors=plain + share * (errors - plain),
-        share=share,
-    )
+    left = [
+        whitened_residual(_looked_at(state, average.blocks, each), state.fit.weights) for each in (calibrated, values)
+    ]
+    mixed = replace(average, values=calibrated + share * apart, spread=spread)
+    mixed = _settled(mixed, (1.0 - share) * left[0] + share * left[1])
+    return replace(mixed, errors=plain + share * (errors - plain), share=share)
 
 
 def _predicted(folds: Folds, times: Array) -> Array:

@@ -379,6 +379,13 @@ def test_what_else_a_dh_table_says_is_read_or_refused(tmp_path: Path) -> None:
         path.write_text("\n".join([f"{DH},{header}", *(",".join(pair) for pair in zip(ROWS, cells, strict=True))]))
         with pytest.raises(InputError, match=text):
             intake([path, rows], None, dh="standard")
+    # Words of a file's head that say nothing of a form.
+    path.write_text(f"# Last modified: 2026-11-20\n# Standard configuration, J. Paul\n{DH}\n" + "\n".join(ROWS))
+    for form in ("standard", "modified"):
+        arm = intake([path, rows], None, dh=form).arm
+        assert arm is not None and f'dh = "{form}"' in arm
+    with pytest.raises(InputError, match="--dh"):
+        intake([path, rows], None)
     for header, of_rows, text in (
         (DH, ("1,q2,500,100,-90", "2,q1,0,550,0"), "dh.csv:3: 'q1' is of another joint than that of its row"),
         (DH, ("2,0,500,100,-90", "1,0,0,550,0"), "'joint' is 2, 1: put the rows in their order"),
