@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
-from armflex.errors import MissingCovariateError
+from armflex.errors import MissingCovariateError, did_you_mean
 from armflex.laws import Row
 from armflex.laws.effects.context import known_columns
 from armflex.laws.effects.effect import Effect
@@ -48,10 +48,15 @@ def known_alone(arm: Structure, payload: str | Payload | Sequence[str] | None, c
     Each load is put on once, from nothing, and what follows a temperature has settled.
 
     Raises:
-        MissingCovariateError: An effect with a memory needs a column that is not there.
+        MissingCovariateError: An effect with a memory needs a column that is not there, or its state is misspelt.
     """
-    if not remembering(arm, case.covariates):
+    effects = remembering(arm, case.covariates)
+    if not effects:
         return dict(case.covariates)
+    unasked = sorted(set(case.covariates) - {name for effect in arm.effects for name in effect.location.covariates})
+    for effect in effects:
+        if did_you_mean(str(effect.state), unasked):
+            raise MissingCovariateError(str(effect.state), case.covariates, effect.name)
     single, count = case.q.ndim == 1, len(np.atleast_2d(case.q))
     columns = {name: np.broadcast_to(values, (count,)) for name, values in case.covariates.items()}
     v, a = (None if values is None else np.atleast_2d(values) for values in (case.v, case.a))

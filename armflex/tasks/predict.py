@@ -135,8 +135,8 @@ def predict(
         kind, values = of_sensor[0][0], np.concatenate([reading.values for reading, _ in of_sensor])
         stds = [std for _, std in of_sensor if std is not None]
         std = np.concatenate(stds) if stds else None
-        sigma = np.concatenate([reading.sigma for reading, _ in of_sensor])
-        sensors.append((replace(kind, values=values, sigma=sigma), std))
+        noise = np.concatenate([reading.sigma for reading, _ in of_sensor])
+        sensors.append((replace(kind, values=values, sigma=noise), std))
     asked = _with_constants(arm, rows, covariates or {})
     outside = tuple(flags for prediction in predictions for flags in prediction.outside)
     return Prediction(asked, position, rotation, sigma, displacement, met.flags, tuple(sensors), outside)
