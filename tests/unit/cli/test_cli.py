@@ -269,7 +269,7 @@ BAD = {
     "an option that is gone": (["map", A, "--store", "d"], "--store is no more: leave it out; a map of the default"),
     "no such command": (["chek"], "no command 'chek', did you mean 'check'"),
     "no such option": (["deflect", A, "--paylod", "p600"], "Did you mean '--payload'"),
-    "missing option": (["check", A, T], "missing option '--tolerance'"),
+    "missing tolerance": (["check", A, T], "has no tolerance: give one for such rows (--tolerance 5mm"),
     "missing argument": (["deflect"], "missing argument 'ARM'"),
     "missing arm": (["deflect", "none.toml"], "none.toml: cannot be read: No such file"),
     "folder as arm": (["deflect", TARM], "tarm_like: cannot be read: Is a directory"),
