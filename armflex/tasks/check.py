@@ -183,11 +183,12 @@ def check(
     """
     if (tolerance is not None and not tolerance > 0.0) or (angle is not None and not angle > 0.0):
         raise InputError(f"tolerance must be positive, got {tolerance} m" + (f", {angle} rad" if angle else ""))
+    reach = furthest(arm, *np.array(arm.bounds))
     trajectory = as_trajectory(trajectory, arm)
     against = None if against is None else as_trajectory(against, arm)
     allowed = _tolerances(trajectory, tolerance)
     trajectory, tolerance = replace(trajectory, tolerance=allowed), tolerance or float(allowed.min())
-    doubts = doubtful_tolerance(float(allowed.max()), furthest(arm, *np.array(arm.bounds)), angle)
+    doubts = doubtful_tolerance(float(allowed.max()), reach, angle)
     warn(doubts)
     trajectory = trajectory.with_constants(arm, covariates or {})
     trajectory, held = _with_target(arm, trajectory, against)
