@@ -280,14 +280,17 @@ def _rows(path: Path, most: int | None) -> Iterator[tuple[int, list[str]]]:
         first, before = line, before + 1
         if first.strip().lower() in ("sep=,", "sep=;"):  # what Excel says to itself
             first = ""
+    head = [first]
+    while "".join(head).count('"') % 2 and len(head) < 8 and (line := next(lines, None)) is not None:
+        head.append(line)  # a name goes on in the next line
     second = next(lines, "")
-    # A name may have another mark in it, and numbers a decimal comma: what separates is in both lines.
-    header, row = (re.sub(r'"[^"]*"', "", line) for line in (first, second if second.strip() else first))
+    # A name may have another mark in it, and numbers a decimal comma: what separates is in both rows.
+    header, row = (re.sub(r'"[^"]*"', "", text) for text in ("".join(head), second if second.strip() else first))
     separator = max(",;\t", key=lambda mark: min(header.count(mark), row.count(mark)))
 
     def watched() -> Iterator[str]:
         nonlocal marked
-        for line in chain((first, second), lines):
+        for line in chain(head, (second,), lines):
             marked = marked or "'" in line
             yield line
 
