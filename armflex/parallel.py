@@ -139,15 +139,21 @@ def _taken(results: Generator[Result, None, None]) -> Iterator[Result]:
 
 @contextmanager
 def _deaf_children() -> Iterator[None]:
-    """Ignore Ctrl-C while processes are begun, which inherit that: this one ends them, and they need not complain."""
+    """Ignore Ctrl-C while processes are begun, which inherit that: this one ends them, and they need not complain.
+
+    Here it is held back meanwhile, and heard afterwards where no other thread (of BLAS) took it.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
+    mask: Any = getattr(signal, "pthread_sigmask", lambda how, signals: ())
+    held = mask(getattr(signal, "SIG_BLOCK", 0), (signal.SIGINT,))
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
+        mask(getattr(signal, "SIG_SETMASK", 0), held)
 
 
 def _alone(task: Callable[[], Result]) -> Result:
