@@ -53,9 +53,10 @@ def known_alone(arm: Structure, payload: str | Payload | Sequence[str] | None, c
     effects = remembering(arm, case.covariates)
     if not effects:
         return dict(case.covariates)
-    unasked = sorted(set(case.covariates) - {name for effect in arm.effects for name in effect.location.covariates})
+    known = set(case.covariates)
+    unasked = sorted(known - {name for effect in arm.effects for name in effect.location.covariates})
     for effect in effects:
-        if did_you_mean(str(effect.state), unasked):
+        if known.issuperset(effect.location.covariates) and did_you_mean(str(effect.state), unasked):
             raise MissingCovariateError(str(effect.state), case.covariates, effect.name)
     single, count = case.q.ndim == 1, len(np.atleast_2d(case.q))
     columns = {name: np.broadcast_to(values, (count,)) for name, values in case.covariates.items()}
