@@ -14,6 +14,7 @@ from armflex.errors import MissingCovariateError, did_you_mean
 from armflex.laws import Row
 from armflex.laws.effects.context import known_columns
 from armflex.laws.effects.effect import Effect
+from armflex.laws.effects.in_arm import settled
 from armflex.laws.effects.location import resolve
 from armflex.mechanics.deflection import Asked, Deflection, deflect_batch
 from armflex.mechanics.loaded import NO_PAYLOAD, Payload, Structure
@@ -32,14 +33,15 @@ def known_rows(arm: Structure, rows: Driven, gravity: Array | None = None) -> di
         MissingCovariateError: An effect with a memory needs a column that is not there.
     """
     known = known_columns(rows, arm)
-    if not remembering(arm, known):
+    effects = [effect for effect in arm.effects if effect.state not in (None, *known)]
+    if not effects:
         return known
     motion = [rows.motion(i) for i in range(len(rows.q))]
     rates = ([each.get(name) for each in motion] for name in ("v", "a"))
     v, a = (np.array(values) if values and values[0] is not None else None for values in rates)
     pieces = tuple(rows.pieces.values()) if isinstance(rows, Rows) else ()
     case = LoadCase(rows.q, v, a, tuple(rows.wrenches), known)
-    return known | _states(arm, rows.payload, case, pieces, gravity)
+    return known | _states(arm, rows.payload, case, effects, pieces, gravity)
 
 
 def known_alone(arm: Structure, payload: str | Payload | Sequence[str] | None, case: LoadCase) -> dict[str, Array]:
@@ -50,38 +52,40 @@ def known_alone(arm: Structure, payload: str | Payload | Sequence[str] | None, c
     Raises:
         MissingCovariateError: An effect with a memory needs a column that is not there, or its state is misspelt.
     """
-    effects = remembering(arm, case.covariates)
-    if not effects:
-        return dict(case.covariates)
     known = set(case.covariates)
     unasked = sorted(known - {name for effect in arm.effects for name in effect.location.covariates})
-    for effect in effects:
+    for effect in remembering(arm, known):
         if known.issuperset(effect.location.covariates) and did_you_mean(str(effect.state), unasked):
             raise MissingCovariateError(str(effect.state), case.covariates, effect.name)
+    given = settled(arm, case.covariates)
+    if not (effects := remembering(arm, given)):
+        return given
     single, count = case.q.ndim == 1, len(np.atleast_2d(case.q))
-    columns = {name: np.broadcast_to(values, (count,)) for name, values in case.covariates.items()}
+    columns = {name: np.broadcast_to(values, (count,)) for name, values in given.items()}
     v, a = (None if values is None else np.atleast_2d(values) for values in (case.v, case.a))
     payloads = (NO_PAYLOAD if payload is None else payload,) if isinstance(payload, str | Payload | None) else payload
     apart = tuple(np.arange(count)[:, None])
-    states = _states(arm, payloads, LoadCase(np.atleast_2d(case.q), v, a, case.wrenches, columns), apart, None)
-    return {**case.covariates, **{name: values[0] if single else values for name, values in states.items()}}
+    rows = LoadCase(np.atleast_2d(case.q), v, a, case.wrenches, columns)
+    states = _states(arm, payloads, rows, effects, apart, None)
+    return {**given, **{name: values[0] if single else values for name, values in states.items()}}
 
 
 def remembering(arm: Structure, known: Container[str]) -> list[Effect]:
     """Return the effects that remember a state that is not known."""
-    return [effect for effect in arm.effects if effect.state is not None and effect.state not in known]
+    return [effect for effect in arm.effects if effect.remembers and str(effect.state) not in known]
 
 
 def _states(
     arm: Structure,
     payloads: Sequence[str | Payload],
     case: LoadCase,
+    effects: Sequence[Effect],
     pieces: Sequence[np.ndarray],
     gravity: Array | None,
 ) -> dict[str, Array]:
     """Return the (N,) states that effects remember in rows, in each of some pieces as if nothing had gone before."""
-    effects, row = remembering(arm, case.covariates), Row(case.q, arm.joint_index, case.covariates)
-    wrenches, states = _wrenches(arm, payloads, case, effects, gravity), dict[str, Array]()
+    row, states = Row(case.q, arm.joint_index, case.covariates), dict[str, Array]()
+    wrenches = _wrenches(arm, payloads, case, effects, gravity)
     for effect in effects:
         here = resolve(effect.location, arm.robot, arm.flexures)
         try:

@@ -18,7 +18,7 @@ from armflex.conventions import Array
 from armflex.errors import Flag, InputError, MissingCovariateError, did_you_mean, listing, naming
 from armflex.laws import Law, Row
 from armflex.laws.declared import Flexure
-from armflex.laws.effects.context import begun_anew
+from armflex.laws.effects.context import Known, begun_anew
 from armflex.laws.effects.effect import Act, Afterwards, Effect, LoadLaw, Manipulator, SightLaw, TwistLaw, Values
 from armflex.laws.effects.location import Here, link_of, resolve, same_site, site_of
 from armflex.laws.law import Composed, Ranges, WithoutParameters
@@ -374,12 +374,21 @@ def settled_covariates(arm: Manipulator, given: Mapping[str, float]) -> dict[str
     if given:
         check_approaches(given, arm.robot.joint_names)
         check_covariates(arm, given)
-    settled = begun_anew(arm, given, 0.0)
+    return {**begun_anew(arm, {}, 0.0), **settled(arm, given)}
+
+
+def settled(arm: Manipulator, known: Mapping[str, Known]) -> dict[str, Known]:
+    """Return what is known with columns that lag, taken as settled where they are not given.
+
+    Raises:
+        MissingCovariateError: Such a column is not given either.
+    """
+    columns = dict(known)
     for effect in arm.effects:
-        state, columns = effect.state, effect.location.covariates
-        if state is None or not columns:
+        state, own = effect.state, effect.location.covariates
+        if state is None or not own or state in columns:
             continue
-        if state not in settled and columns[0] not in settled:
-            raise MissingCovariateError(columns[0], given, effect.name)
-        settled.setdefault(state, settled.get(columns[0], 0.0))
-    return settled
+        if own[0] not in columns:
+            raise MissingCovariateError(own[0], known, effect.name)
+        columns[state] = columns[own[0]]
+    return columns

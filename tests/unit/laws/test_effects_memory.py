@@ -192,3 +192,17 @@ def test_where_nothing_went_before_a_load_was_put_on_once():
     assert not given.flags and np.abs(given.twists).max() < 1e-15
     prepared = remembers.prepared(held)
     np.testing.assert_allclose([prepared(position) for position in q[::-1]], alone, atol=1e-12)
+
+
+def test_what_follows_a_temperature_at_once_remembers_nothing_and_what_lags_has_settled():
+    place = Location("link:shoulder_lift_joint", None, ("temperature",), (0,))
+    arms = [
+        replace(
+            six_axes.declared(), effects=(Candidate(CATALOGUE["thermal_growth"], place, (20.0, lag)).effect([1e-5]),)
+        )
+        for lag in (0.0, 300.0)
+    ]
+    at_once, lagging = [arm.deflection(six_axes.LOWER, covariates={"temperature": 25.0}) for arm in arms]
+    assert not at_once.flags and [flag.code for flag in lagging.flags] == ["no_history"]
+    np.testing.assert_allclose(lagging.displacement, at_once.displacement, rtol=1e-12)
+    assert np.abs(at_once.displacement).max() > 1e-6
