@@ -87,7 +87,7 @@ def command(
 
 def print_check(report: CheckReport, moves: str = "moves") -> None:
     """Print the via-points, worst first, and the worst of the path."""
-    asked, by_row = report.asked, len({point.tolerance_m for point in report.rows}) > 1
+    asked, by_row = report.asked, report.by_row
     columns = ["via-point", "time s", "payload", f"{moves} mm", "± mm", "margin mm", "turns mrad", "verdict", "cause"]
     if report.angle_rad is not None:
         columns.insert(7, "margin mrad")

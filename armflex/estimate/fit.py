@@ -323,6 +323,11 @@ def realise(declared: Setup, blocks: Sequence[Block], values: Array) -> Setup:
     return setup
 
 
+def looked_at(here: Fit, blocks: Sequence[Block], values: Array) -> View:
+    """Return the rows of a fit at (P,) values of these blocks, its own or others."""
+    return look(realise(here.declared, blocks, values), here.view.driven, here.view.rows)
+
+
 def fit(
     declared: Setup,
     blocks: Sequence[Block],
@@ -457,8 +462,7 @@ def _descended(
 
     def stepped(step: Array) -> tuple[Fit, float]:
         values = moved(here.blocks, here.values, step)
-        view = look(realise(here.declared, here.blocks, values), here.view.driven, here.view.rows)
-        there = replace(here, values=values, view=view)
+        there = replace(here, values=values, view=looked_at(here, here.blocks, values))
         return there, there.cost(limit)
 
     before, start, promised = here.cost(limit), damping, np.inf

@@ -13,6 +13,7 @@ nearly parallel axes that puts the common normal far away, so Hayati and Mirmira
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -22,7 +23,7 @@ import pinocchio as pin
 
 from armflex.arm import Arm, Setup
 from armflex.conventions import RESOLUTION, TWIST_NAMES, Array, number, printable
-from armflex.errors import listing
+from armflex.errors import MissingCovariateError, listing
 from armflex.estimate.posterior import OTHER_PARAMETERS, blocks_of
 from armflex.export import Exported
 from armflex.export.rigid import (
@@ -338,16 +339,16 @@ def _compliances(arm: Arm) -> dict[Key, tuple[float, Array]]:
 
 def _unstated(arm: Arm) -> list[Effect]:
     """Return the effects with a name by which something gives under a load, but has no compliance at no load."""
-    effects = [effect for effect in arm.effects if effect.law.act is Act.TWIST and effect.law.physical]
-    plays = [effect for effect in effects if effect.law.of_load(effect.location) and not effect.law.changes_model]
-    bound = [BoundTwist(effect, resolve(effect.location, arm.robot, arm.flexures)) for effect in plays]
-    at_home = Row(arm.robot.home, arm.joint_index)
-    return [
-        twist.effect
-        for twist in bound
-        if twist.law.remembers_load(twist.effect.location)
-        or not (needs_columns(arm, twist.effect) or twist.tangent(np.zeros(6), at_home).any())
-    ]
+    plays, at_home = list[Effect](), Row(arm.robot.home, arm.joint_index)
+    for effect in arm.effects:
+        law = effect.law
+        if law.act is not Act.TWIST or not law.physical or law.changes_model or not law.of_load(effect.location):
+            continue
+        bound = BoundTwist(effect, resolve(effect.location, arm.robot, arm.flexures))
+        with suppress(MissingCovariateError):  # what depends on more is left out and said by itself
+            if law.remembers_load(effect.location) or not bound.tangent(np.zeros(6), at_home).any():
+                plays.append(effect)
+    return plays
 
 
 def _table(values: Mapping[Key, float], std: Mapping[Key, float]) -> str:

@@ -137,12 +137,17 @@ class CheckReport(Result):
     relative_sigma_m: float | None = None
 
     @property
+    def by_row(self) -> bool:
+        """Whether rows have tolerances that differ."""
+        return len({point.tolerance_m for point in self.rows}) > 1
+
+    @property
     def asked(self) -> str:
         """The tolerances that the path is compared with, for people."""
-        least, most = (
-            f(point.tolerance_m for point in self.rows) if self.rows else self.tolerance_m for f in (min, max)
+        every = [point.tolerance_m for point in self.rows] or [self.tolerance_m]
+        lengths = (
+            f"{min(every) * 1e3:g} to {max(every) * 1e3:g} mm, by row" if self.by_row else f"{every[0] * 1e3:g} mm"
         )
-        lengths = f"{least * 1e3:g} mm" if least == most else f"{least * 1e3:g} to {most * 1e3:g} mm, by row"
         return lengths + ("" if self.angle_rad is None else f" and {self.angle_rad * 1e3:g} mrad")
 
 
@@ -250,10 +255,9 @@ def _payload_changes(trajectory: Trajectory, segments: Sequence[Point]) -> Itera
     for i, (before, after) in enumerate(pairwise(trajectory.payload)):
         point, time = segments[i], float(trajectory.time[i + 1])
         if before != after and point.verdict != "ok" and point.time == time:
-            text = (
-                f"at {time:g} s the payload changes from {before or 'none'} to {after or 'none'}; until there the path"
-            )
-            text += f" has {before or 'none'}, with which it is {number(point.displacement_m * 1e3, 4)} mm off there"
+            carried, off = before or "none", number(point.displacement_m * 1e3, 4)
+            text = f"at {time:g} s the payload changes from {carried} to {after or 'none'}; until there the path has"
+            text += f" {carried}, with which it is {off} mm off there"
             yield Flag("payload_change", text)
 
 

@@ -31,10 +31,9 @@ from armflex.arm import Setup
 from armflex.conventions import Array
 from armflex.errors import ArmflexError
 from armflex.estimate.block import Block, EffectBlock, parameters_of, places_of
-from armflex.estimate.fit import ROUGH, THOROUGH, moved, realise
+from armflex.estimate.fit import ROUGH, THOROUGH, looked_at, moved, realise
 from armflex.estimate.held_out import errors_of, held_out, pose_folds
 from armflex.estimate.robust import whitened_regressors, whitened_residual
-from armflex.estimate.view import View, look
 from armflex.laws.effects.effect import Effect
 from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import DOUBT, Certainty, numbers_of
@@ -167,15 +166,10 @@ def averaged(state: State, evidence: Dense, own: Model, drawn: Sequence[Drawn]) 
     step[places] = samples.mean(axis=0) - begun
     blocks = (*fit.blocks, *rivals)
     start = np.concatenate([fit.values, np.zeros(count - len(fit.values))])
-    view, weights = _looked_at(state, blocks, start), fit.weights
+    view, weights = looked_at(fit, blocks, start), fit.weights
     wanted = whitened_residual(view, weights) - whitened_regressors(blocks, view, weights) @ step
     average = Averaged(state, rivals, moved(blocks, start, step), whole)
     return replace(_settled(average, wanted), shares=tuple(shares[number] / len(drawn) for number in kept))
-
-
-def _looked_at(state: State, blocks: Sequence[Block], values: Array) -> View:
-    """Return the fitted rows at some values."""
-    return look(realise(state.declared, blocks, values), state.fit.view.driven, state.fit.view.rows)
 
 
 def _settled(average: Averaged, wanted: Array) -> Averaged:
@@ -184,11 +178,11 @@ def _settled(average: Averaged, wanted: Array) -> Averaged:
     Loads times compliances are not linear: half a compliance beside half a mass is a quarter of what they do together.
     What is fitted anyway, and families, take over what the arm lacks; where it does not come to rest it is as it was.
     """
-    state, fit, rest = average.state, average.state.fit, _rest_of(average.state)
+    fit, rest = average.state.fit, _rest_of(average.state)
     best, values, least = average, average.values, np.inf
     with suppress(ArmflexError):
         for _ in range(ROUGH.iterations):
-            view = _looked_at(state, average.blocks, values)
+            view = looked_at(fit, average.blocks, values)
             beyond = whitened_residual(view, fit.weights) - wanted
             if not (lacking := float(beyond @ beyond)) < least:
                 break
@@ -224,9 +218,8 @@ def beside_calibrated(average: Averaged, folds: Folds, resamples: Resampled) -> 
     calibrated[inner] = values[inner]
     apart = values - calibrated
     spread = share * average.spread + share * (1.0 - share) * np.outer(apart, apart)
-    left = [
-        whitened_residual(_looked_at(state, average.blocks, each), state.fit.weights) for each in (calibrated, values)
-    ]
+    views = [looked_at(state.fit, average.blocks, each) for each in (calibrated, values)]
+    left = [whitened_residual(view, state.fit.weights) for view in views]
     mixed = replace(average, values=calibrated + share * apart, spread=spread)
     mixed = _settled(mixed, (1.0 - share) * left[0] + share * left[1])
     return replace(mixed, errors=plain + share * (errors - plain), share=share)

@@ -67,7 +67,7 @@ def account(checked: CheckedPath) -> SimpleNamespace:
         *_slowest(modes, swing, checked.within),
     )
     angle = report.angle_rad is not None
-    by_row = len({point.tolerance_m for point in report.rows}) > 1
+    by_row = report.by_row
     head = [
         "via-point",
         "time s",
