@@ -281,11 +281,14 @@ def _rows(path: Path, most: int | None) -> Iterator[tuple[int, list[str]]]:
         if first.strip().lower() in ("sep=,", "sep=;"):  # what Excel says to itself
             first = ""
     head = [first]
-    while "".join(head).count('"') % 2 and len(head) < 8 and (line := next(lines, None)) is not None:
+    quotes = first.count('"')
+    while quotes % 2 and len(head) < 100 and (line := next(lines, None)) is not None:
         head.append(line)  # a name goes on in the next line
+        quotes += line.count('"')
     second = next(lines, "")
     # A name may have another mark in it, and numbers a decimal comma: what separates is in both rows.
-    header, row = (re.sub(r'"[^"]*"', "", text) for text in ("".join(head), second if second.strip() else first))
+    both = ("".join(head), second if second.strip() else first) if quotes % 2 == 0 else (first, first)
+    header, row = (re.sub(r'"[^"]*"', "", text) for text in both)
     separator = max(",;\t", key=lambda mark: min(header.count(mark), row.count(mark)))
 
     def watched() -> Iterator[str]:
