@@ -34,6 +34,7 @@ from armflex.trace.refine import anchored_anew, refine
 from armflex.trace.screen import Screen
 from armflex.trace.selection import (
     BETTER,
+    GRID_ERROR,
     MOST_COMPETING,
     MOST_EFFECTS,
     MOST_ROUNDS,
@@ -353,9 +354,12 @@ def _instead_of_families(here: Standing) -> Standing | None:
     proposed = list[tuple[float, Standing, Model]]()
     for name in here.state.background.names:
         fewer = _without(here, name)
-        model = climbed(fewer.screen, fewer.model, refine, most=min(len(fewer.model) + MOST_TRIED, MOST_EFFECTS))
-        value = fewer.screen.log_posterior(model)
-        if value > here.value + BETTER:
+        worth, most = fewer.screen.log_posterior, min(len(fewer.model) + MOST_TRIED, MOST_EFFECTS)
+        on_grid = worth(climbed(fewer.screen, fewer.model, most=most))
+        if on_grid + WITHIN + GRID_ERROR * (on_grid - worth(fewer.model)) < here.value:
+            continue  # nor would values between those of the grids make up for the family
+        model = climbed(fewer.screen, fewer.model, refine, most=most)
+        if (value := worth(model)) > here.value + BETTER:
             proposed.append((value, fewer, model))
     for _, fewer, model in sorted(proposed, key=lambda proposal: -proposal[0]):
         state = refitted(fewer, model)

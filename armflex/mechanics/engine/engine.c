@@ -14,7 +14,7 @@ enum { ROD = 4, GEAR, COIL, GAS };
 enum { PART, SIZE, CLIPPED, TANH, RAISED, RAMP };
 enum { SPRING = 1, MAGNET };
 enum { ONE, POWER, SINE, COSINE, STEP, BUMP, TENT, CREEP, OVERLAP, CHEBYSHEV, TABLE };
-enum { STEPS = 24, MOST = 50, TIP = 8, BOTH = 12, SOLVED = 20 }; /* see branches */
+enum { STEPS = 24, MOST = 50, SOFT = 96, TIP = 8, BOTH = 12, SOLVED = 20 }; /* see branches */
 static const double CONVERGED = 1e-24;
 #if !defined(CHAIN)
 static const double SMALL = 0.1 * 0.1;

@@ -752,7 +752,7 @@ static void T(solve)(const arm *a, T(state) *s, int exact, unsigned char *fine)
             }
         }
     }
-    for (int step = 0; (step < STEPS) && exact && moving; step++) {
+    for (int step = 0; (step < SOFT) && exact && moving; step++) {
         size = T(all)(0.0);
         T(weigh)(a, s, 1);
         T(deform)(a, s, 0);
