@@ -230,9 +230,9 @@ def test_a_covariate_that_was_not_set_has_a_code(tmp_path: Path) -> None:
 
 
 def test_soft_arms_that_only_newton_settles(tmp_path: Path) -> None:
-    """Hanging under 200 kg: they swing from step to step of the fixed point, but stay; also when they compensate."""
+    """Hanging under 300 kg: they swing from step to step of the fixed point, but stay; also when they compensate."""
     arm = three_joints(tmp_path, [LinearLaw(random_compliance(i, 20.0)) for i in range(3)])
-    arm = dataclasses.replace(arm, payloads={"heavy": Payload(200.0, [0.1, 0.0, 0.0])})
+    arm = dataclasses.replace(arm, payloads={"heavy": Payload(300.0, [0.1, 0.0, 0.0])})
     code, rng = compiled(arm, tmp_path), np.random.default_rng(0)
     q = np.array([0.0, 1.55, 0.0]) + rng.uniform([-3.0, -0.05, -0.05], [3.0, 0.05, 0.05], (1000, 3))
     number = np.full(len(q), code.payloads.index("heavy"))
@@ -247,12 +247,12 @@ def test_soft_arms_that_only_newton_settles(tmp_path: Path) -> None:
         by_newton += one.method == "newton"
         assert found == FINE
         np.testing.assert_allclose(pose, one.pose.homogeneous[:3], rtol=0, atol=CLOSE)
-    assert by_newton > 900
-    codes, moved = code.compensated(q[:100], number[:100])
+    assert by_newton > 700
+    codes, moved = code.compensated(q[:200], number[:200])
     held = codes == FINE
     assert set(codes) <= {FINE, TOO_LARGE, UNREACHED} and held.sum() > 10
     tips = [arm.deflection(row, "heavy", enforce_limits=False).pose.translation for row in moved[held]]
-    np.testing.assert_allclose(tips, [arm.rigid_pose(row).translation for row in q[:100][held]], rtol=0, atol=CLOSE)
+    np.testing.assert_allclose(tips, [arm.rigid_pose(row).translation for row in q[:200][held]], rtol=0, atol=CLOSE)
 
 
 @pytest.mark.parametrize(
