@@ -48,12 +48,13 @@ fuzz: $(VENV)/.test
 docs: $(VENV)/.docs
 	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m sphinx --fail-on-warning --keep-going -q docs docs/_build/html
 
-# The pages show what these two write.
+# The pages show what `bench` and `study` write; `study` also traces what was once named wrong.
 bench: $(VENV)/.bench
 	$(VENV)/bin/python tests/benchmarks/run.py -o docs/results/bench.md
 
 study: $(VENV)/.test
 	$(VENV)/bin/python tests/studies/study.py -o study.csv --page docs/results/study.md
+	$(VENV)/bin/python tests/studies/named.py
 
 style: $(VENV)/.lint
 	$(VENV)/bin/ruff check .

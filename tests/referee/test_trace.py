@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.linalg import null_space
+from studies.named import CASES, Case
 from support.campaigns import draw
-from support.scoring import score
 
 import armflex
 from armflex.conventions import TWIST_NAMES, Array
@@ -25,37 +25,15 @@ from armflex.trace.selection import SCALES, Chosen, log_likelihood
 from armflex.trace.state import State, begin
 from armflex.trace.unrecorded import localise, noticed_from
 
-EXACT = [  # and hysteresis, in `unit/trace/test_trace_anytime.py`
-    ("thermal_bending lagged", 100, "six"),
-    ("thermal_softening", 100, "six"),
-    ("cross_coupling", 100, "six"),
-    ("base_thermal lagged", 100, "six"),
-    ("other_joint", 100, "six"),
-    ("random_pose", 100, "six"),
-    ("tool_shift", 1002, "boom"),  # after the first session of five: with that one held out nobody can tell
-    ("encoder_scale", 1001, "boom"),  # 3 mm, and calibration all but takes two compliances away to make up for it
-    ("magnetic_pull", 1002, "six"),  # plain laws explain a third of it, no more than chance lets them
-    ("base_thermal", 1002, "six"),  # or a joint that softens by 16 times a kelvin
-]
-NOTHING = [("none", 100, "six"), ("none_restationed", 100, "six"), ("none_quieter", 100, "six")]
+KEPT = [case for case in CASES if case.kept]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "seed", "arm"), EXACT)
-def test_what_was_hidden_is_named_where_it_is(kind, seed, arm):
-    found = score(kind, seed, arm, 1.0)
-    assert found.verdict == "exact", found
-    if kind != "random_pose":  # whose cause nobody can predict
-        assert found.after < 1.08 * found.floor and found.after < found.before
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("kind", "seed", "arm"), NOTHING)
-def test_nothing_is_named_where_nothing_is(kind, seed, arm):
-    found = score(kind, seed, arm, 1.0)
-    assert found.verdict == "ok", found
-    assert found.after == pytest.approx(found.before, rel=0.01)  # lost beams are left out of the search
-    assert found.after < 1.1 * found.floor
+@pytest.mark.parametrize("case", KEPT, ids=str)
+def test_an_account_is_what_it_must_be(case: Case):
+    """The others are traced by `python tests/studies/named.py`."""
+    found = case.scored()
+    assert case.holds(found), found
 
 
 @pytest.fixture(scope="module")

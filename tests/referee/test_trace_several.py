@@ -1,11 +1,10 @@
-"""Several causes at once: all are named, what was set aside is withdrawn, and sizes are those that machines have."""
+"""Names that compete: the less likely is exchanged, the broken promise counts, and sizes are those of machines."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
 from support.campaigns import draw
-from support.scoring import score
 
 from armflex import load_arm, read_measurements
 from armflex.estimate.calibrate import calibrate
@@ -16,77 +15,6 @@ from armflex.trace.account import weighed
 from armflex.trace.search import refitted, standing
 from armflex.trace.selection import Chosen, rivals
 from armflex.trace.state import State, begin
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("count", "seed", "arm"),
-    [
-        (3, 0, "six"),  # a link that bends on one axis, where two explain a little more and neither stands
-        (4, 0, "boom"),
-        (5, 1, "boom"),
-        (3, 9504, "six"),  # a joint that is softer, which only the priors show
-        (4, 9401, "six"),  # lengths that grew from another temperature stand for the instrument's scale
-        pytest.param(  # a hose that pulls almost evenly
-            *(3, 9600, "six"),
-            marks=pytest.mark.xfail(strict=True, reason="a hose at the next link is as probable as a hose and a mass"),
-        ),
-        (4, 103002, "boom"),  # a constant force, which a hose of another anchor imitates
-        (5, 9504, "six"),  # a hose beside the link's line, which on the neighbouring link fits almost as well
-    ],
-)
-def test_every_cause_that_shows_is_named(count, seed, arm):
-    found = score(f"{count} effects", seed, arm, 1.0)
-    assert set(found.named) <= {"exact", "hidden"} and found.named.count("exact") >= 2, found
-    assert found.false == 0 and found.after < 1.1 * found.floor, found
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("kind", "seed", "arm"),
-    [
-        ("stiffening", 1002, "six"),  # hardens by more than what calibration leaves of the joint's compliance
-        ("stiffening", 1003, "boom"),  # its slope turns around before its twist does
-        ("tracker_scale", 1002, "boom"),  # 0.4 mm in a metre
-    ],
-)
-def test_what_machines_may_have_is_possible(kind, seed, arm):
-    found = score(kind, seed, arm, 1.0)
-    assert found.verdict == "exact" and found.after < 1.06 * found.floor, found
-
-
-@pytest.mark.slow
-def test_what_no_hose_pulls_is_no_rival_of_an_encoder_scale():
-    """As a dress pack it would pull 17 kN/m."""
-    found = score("encoder_scale", 2, "boom", 0.25)
-    assert found.verdict == "exact" and found.stated[0][0] > 0.8, found
-    assert all(name != "dress_pack" for name, *_ in found.equivalents[0]), found
-
-
-@pytest.mark.slow
-def test_something_is_missing_where_a_change_is_left_unexplained():
-    found = score("random_pose", 6000, "six", 1.0)
-    assert found.verdict == "exact" and found.stated == [(0.0, False)], found
-
-
-@pytest.mark.slow
-def test_a_product_of_columns_that_change_at_a_pose_is_found_first():
-    """From pose to pose a random twist explains little of it; several effects that imitate parts of it explain more."""
-    found = score("product", 31002, "boom", 1.0)
-    assert found.verdict == "exact" and found.after < 1.1 * found.floor, found
-
-
-@pytest.mark.slow
-def test_an_effect_in_whose_place_nothing_is_credible_is_at_even_odds_at_most():
-    found = score("creep", 51001, "six", 0.25)
-    assert found.first and all(right or probability < 0.75 for probability, right in found.stated), found
-
-
-@pytest.mark.slow
-def test_a_hose_at_the_end_of_a_link_may_be_one_at_the_next_link():
-    found = score("2 effects", 71000, "boom", 1.0)
-    assert found.verdict == "exact", found
-    assert [(name, site) for name, site, *_ in found.equivalents[0]] == [("umbilical", "A4")], found
 
 
 def calibrated(kind: str, folder: Path) -> State:

@@ -136,8 +136,11 @@ class Drawn:
             changed[name][there] = values
         return replace(self, rows=replace(self.rows, **changed), spare=self.spare - len(rows))
 
-    def write(self, folder: Path) -> Truth:
-        """Write arm.toml (as declared), train.csv, test.csv, truth.csv and truth.json; no spare stops."""
+    def write(self, folder: Path, every: int = 1) -> Truth:
+        """Write arm.toml (as declared), train.csv, test.csv, truth.csv and truth.json; no spare stops.
+
+        With `every` so manieth of train.csv's readings alone is kept.
+        """
         folder.mkdir(parents=True, exist_ok=True)
         arm, train, test = folder / "arm.toml", folder / "train.csv", folder / "test.csv"
         arm.write_text(declared_text(self.arm))
@@ -145,7 +148,8 @@ class Drawn:
         rows = Rows(**{one.name: getattr(self.rows, one.name)[driven] for one in fields(Rows)})
         clean, errors, names = self.readings()[driven], self.errors[driven], [j.name for j in self.plant.joints]
         payloads = [name for name, _, _ in ARMS[self.arm].payloads]
-        for path, shown in ((train, rows.measured), (test, rows.held_out)):
+        kept = rows.measured & (np.cumsum(rows.measured) % every == 0)
+        for path, shown in ((train, kept), (test, rows.held_out)):
             write_rows(path, rows, names, payloads, clean + errors, shown, SIGMA)
         write_clean(folder / "truth.csv", rows, clean)
         effects = tuple(

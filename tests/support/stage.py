@@ -95,7 +95,7 @@ def mechanism(folder: Path) -> tuple[Arm, Measurements]:
 
 @pytest.fixture(
     scope="module",
-    params=["boom", pytest.param("six", marks=pytest.mark.slow), pytest.param("mechanism", marks=pytest.mark.slow)],
+    params=["boom", pytest.param("mechanism", marks=pytest.mark.slow)],
 )
 def stage(request, tmp_path_factory) -> Stage:
     if request.param == "mechanism":

@@ -38,6 +38,8 @@ joint_offset = 1e-3
 compliance = 0.2
 """
 SIGMA = 5e-5
+GAP, POSES = 8e-4, 30
+"""Play of the second joint [rad], and in how many poses it is read by default."""
 STATION = pose(np.array([2.0, -1.0, 0.3]), turn(np.array([0.0, 0.0, 0.7])))
 
 
@@ -61,3 +63,19 @@ def write_campaign(path: Path, q: Array, read: Array, **more: Array) -> Path:
     columns = {f"q_J{i + 1}": q[:, i] for i in range(3)} | {axis: read[:, i] for i, axis in enumerate("xyz")} | more
     write_columns(path, {name: numbers(values) for name, values in columns.items()} | {"sigma": [SIGMA] * len(q)})
     return path
+
+
+def with_play(folder: Path, still: int | None = None, poses: int = POSES, **more: Array) -> Path:
+    """Write a campaign of which the second joint has play, and one joint may never move, and further columns."""
+    plant, rng = declared(folder), np.random.default_rng(0)
+    q, sides = rng.uniform(-1.0, 1.0, (poses, 3)), rng.choice([-1.0, 1.0], (poses, 3))
+    if still is not None:
+        q[:, still] = 0.4
+
+    def play(state: State, push: Push) -> None:
+        push.motion[:, 1] += 0.5 * GAP * state.rows.approach[:, 1, None] * plant.joints[1].drive
+
+    read = seen(plant, q, play, sides) + rng.normal(0.0, SIGMA, (poses, 3))
+    approach: dict[str, Array] = {f"approach_J{i + 1}": sides[:, i] for i in range(3)}
+    write_campaign(folder / "rows.csv", q, read, **approach, **more)
+    return folder

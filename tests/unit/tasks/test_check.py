@@ -114,7 +114,7 @@ def quick(arm: Arm, q: np.ndarray, payload: str) -> tuple[float, float, float, f
 def test_finer_sampling_changes_no_verdict(name: str, request: pytest.FixtureRequest) -> None:
     """Against 48 samples of every stretch, at tolerances near and far from where verdicts change."""
     arm, path = request.getfixturevalue(name), request.getfixturevalue(f"{name}_path")
-    path = some_rows(path, range(0, len(path), 4 if name == "tarm" else 2))
+    path = some_rows(path, range(0, len(path), 8 if name == "tarm" else 4))
     fine = np.array(
         [
             [quick(arm, q, path.payload[i]) for q in path.between(np.full(49, i), np.linspace(0.0, 1.0, 49)).q]

@@ -199,8 +199,7 @@ def test_jacobian_in_use_is_that_of_the_loaded_arm(tarm: Arm, q: tuple) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("row", [0, 60, 98])
-@pytest.mark.parametrize("weighted", [True, False])
+@pytest.mark.parametrize(("row", "weighted"), [(60, True), (0, False)])
 def test_redundant_arm_makes_the_smallest_change(tarm: Arm, tarm_path: Trajectory, row: int, weighted: bool) -> None:
     """Against SLSQP: least weighted change of the joints subject to the loaded tip's place."""
     weights = np.array([50.0, 1.0, 4.0, 1.0, 2.0, 0.5, 1.0]) if weighted else np.ones(7)
@@ -241,7 +240,7 @@ def test_random_positions_are_reached_unless_no_change_reaches_them(tarm: Arm, s
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("which", [50, 57, 59, 61, 87, 94, 105])
+@pytest.mark.parametrize("which", [50, 57, 59, 94])
 def test_hard_positions_against_another_solver(tarm: Arm, study: list[Trajectory], which: int) -> None:
     commanded, ones = study[which], np.ones(7)
     starts = [np.random.default_rng(seed).normal(scale=0.02, size=7) for seed in range(2)]

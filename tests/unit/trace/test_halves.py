@@ -2,10 +2,9 @@
 
 from pathlib import Path
 
-import numpy as np
 import pytest
-from support.campaigns import draw
 from support.effect_arms import quietly
+from support.three_joint_plant import with_play
 
 from armflex import read_measurements, trace
 from armflex.cli.trace_command import as_json, print_trace
@@ -33,17 +32,10 @@ def test_names_are_counted_by_the_probability_that_is_stated() -> None:
 
 @pytest.mark.slow
 def test_what_is_there_is_in_both_halves(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    truth = draw("backlash", 100, "boom").write(tmp_path)
-    arm = quietly(truth.arm)
-    rows = read_measurements(truth.train, arm)
-    few = np.flatnonzero(rows.measured)[::3]
-    found = trace(arm, rows, few, halves=1)
+    arm = quietly(with_play(tmp_path, poses=60) / "arm.toml")
+    found = trace(arm, read_measurements(tmp_path / "rows.csv", arm), halves=1)
     assert found.halves is not None and {one.split for one in found.halves} == {"random 1", "parts 1"}
-    own = [
-        one
-        for one in found.halves
-        if (one.effect.law.name, one.effect.location.site) == ("backlash", truth.effects[0].site)
-    ]
+    own = [one for one in found.halves if (one.effect.law.name, one.effect.location.site) == ("backlash", "J2")]
     assert len(own) == 4 and all(one.in_other_half and one.probability_there > 0.9 for one in own)
     assert sum(bool(one.numbers_agree) for one in own) >= 3
     told = as_json(found)["halves"][0]
@@ -56,8 +48,7 @@ def test_what_is_there_is_in_both_halves(tmp_path: Path, capsys: pytest.CaptureF
 
 
 def test_halves_of_few_poses_are_refused(tmp_path: Path) -> None:
-    truth = draw("none", 3, "six").write(tmp_path)
-    arm = quietly(truth.arm)
-    rows = read_measurements(truth.train, arm)
+    arm = quietly(with_play(tmp_path) / "arm.toml")
+    rows = read_measurements(tmp_path / "rows.csv", arm)
     with pytest.raises(InputError, match="halves is -1, expected 0 or more"):
         trace(arm, rows, halves=-1)

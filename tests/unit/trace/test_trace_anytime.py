@@ -22,7 +22,7 @@ from armflex.progress import Doing
 from armflex.trace.account import conclude
 from armflex.trace.findings import Trace
 from armflex.trace.screen import ALMOST
-from armflex.trace.search import refitted, standing
+from armflex.trace.search import Standing, refitted, standing
 from armflex.trace.selection import SCALES, Chosen
 from armflex.trace.state import begin
 
@@ -117,20 +117,25 @@ def test_a_long_stage_says_how_far_it_is_and_what_there_is(whole: Whole) -> None
 # Never worse.
 
 
-def test_an_effect_that_makes_held_out_poses_worse_is_no_finding(tmp_path: Path) -> None:
-    """A shape of many amplitudes explains noise, too: where it is likelier to be nothing, it leaves the arm."""
-    truth = draw("none", 101, "six").write(tmp_path)
+@pytest.fixture(scope="module")
+def empty(tmp_path_factory: pytest.TempPathFactory) -> Standing:
+    """A third of a campaign of which nothing is hidden, calibrated."""
+    truth = draw("none", 101, "six").write(tmp_path_factory.mktemp("empty"), every=3)
     arm = load_arm(truth.arm)
-    rows = read_measurements(truth.train, arm)
-    here = standing(begin(calibrate(arm, rows, np.flatnonzero(rows.measured)[::3], as_stated=True)))
-    most = max(range(len(here.screen.groups)), key=lambda i: len(here.screen.groups[i].places))
-    believed = refitted(here, (Chosen(most, len(SCALES) - 1),))
+    return standing(begin(calibrate(arm, read_measurements(truth.train, arm), as_stated=True)))
+
+
+def test_an_effect_that_makes_held_out_poses_worse_is_no_finding(empty: Standing) -> None:
+    """A shape of many amplitudes explains noise, too: where it is likelier to be nothing, it leaves the arm."""
+    groups = empty.screen.groups
+    most = max(range(len(groups)), key=lambda i: len(groups[i].places))
+    believed = refitted(empty, (Chosen(most, len(SCALES) - 1),))
     assert believed is not None
     after = standing(believed)
     poses = pose_folds(believed.groups)
     before, with_it = (held_out(one, poses, judged=believed.judged).rms for one in (believed.calibrated, believed.fit))
     assert with_it > before
-    assert conclude(after, here.places).found == ()
+    assert conclude(after, empty.places).found == ()
 
 
 @pytest.mark.slow
@@ -152,18 +157,14 @@ def test_a_free_shape_that_has_the_column_of_a_law_is_that_law(tmp_path: Path) -
     assert (best[named] > 1.0 - 3.0 * ALMOST).all() and (best[~named] < 1.0 - ALMOST / 3.0).all()
 
 
-def test_an_effect_that_is_not_distinguished_from_zero_is_no_finding(tmp_path: Path) -> None:
-    truth = draw("none", 102, "six").write(tmp_path)
-    arm = load_arm(truth.arm)
-    rows = read_measurements(truth.train, arm)
-    here = standing(begin(calibrate(arm, rows, np.flatnonzero(rows.measured)[::3], as_stated=True)))
-    play = next(i for i, one in enumerate(here.screen.groups) if one.hypothesis.one.name.startswith("backlash"))
-    state = refitted(here, (Chosen(play, len(SCALES) // 2),))
+def test_an_effect_that_is_not_distinguished_from_zero_is_no_finding(empty: Standing) -> None:
+    play = next(i for i, one in enumerate(empty.screen.groups) if one.hypothesis.one.name.startswith("backlash"))
+    state = refitted(empty, (Chosen(play, len(SCALES) // 2),))
     assert state is not None
-    believed = standing(state, here)
+    believed = standing(state, empty)
     (effect,), (block,) = believed.state.fitted, believed.state.effects
     assert abs(effect.acting[0]) < 2.0 * next(iter(believed.state.std_of(block).values()))
-    assert conclude(believed, here.places).found == ()
+    assert conclude(believed, empty.places).found == ()
 
 
 def test_what_is_there_makes_poses_better_that_it_was_chosen_without(whole: Whole) -> None:
