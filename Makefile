@@ -40,7 +40,7 @@ check: style
 test: $(VENV)/.test
 	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n auto --dist worksteal
 
-# 25 times as many spoilt inputs as `make test` tries, new ones each time, in processes of at most 8 GiB each.
+# 75 times as many spoilt inputs as `make test` tries, new ones each time, in processes of at most 8 GiB each.
 fuzz: $(VENV)/.test
 	ulimit -v 8388608; HYPOTHESIS_PROFILE=fuzz OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest tests/fuzz -n auto --dist worksteal
 

@@ -1,7 +1,7 @@
 """The paper's comparison of joint models, its Table 2 and figures 4 to 9, on a SURROGATE of its unpublished data.
 
 `python examples/07_a4_surrogate.py [folder]` writes the figures and prints the tables, in a few minutes; "quick" as a
-second argument takes a quarter of a minute, four benches for ten, and leaves NUTS out, which needs the extra `bayes`. What is assumed is in
+second argument has four benches for ten and no NUTS, which needs the extra `bayes`. What is assumed is in
 `a4/surrogate.py`. The numbers say how the models compare where a network is needed, not how joint A4 deflects: what
 its published rows say is in `06_a4_rows.py`.
 """

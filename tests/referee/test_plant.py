@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from support.absorbed import visible, visible_each
 from support.campaign_files import ARMS, declared_text
-from support.campaigns import KINDS, LAGGED, NULLS, OUTSIDE, SESSIONS, draw
+from support.campaigns import KINDS, LAGGED, OUTSIDE, SESSIONS, draw
 from support.plant import Plant, apply
 from support.undeclared import lagged, play
 
@@ -35,9 +35,9 @@ def test_plant_and_library_agree_on_the_declared_arm(arm, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "arm"), list(zip(ALL, cycle(ARMS))))
+@pytest.mark.parametrize(("kind", "arm"), list(zip(ALL[::5], cycle(ARMS))))
 def test_every_effect_moves_the_tip_by_what_was_asked(kind, arm):
-    """On the two arms in turn: what sizes an effect knows no arm."""
+    """Of every fifth effect, on the two arms in turn: what sizes an effect knows neither law nor arm."""
     drawn = draw(kind, 11, arm)
     calm = drawn.readings(())
     assert len(drawn.effects) == (2 if kind == "two" else 1)
@@ -175,8 +175,3 @@ def test_calibration_finds_the_true_machine_when_nothing_is_hidden(tmp_path):
     found = armflex.calibrate(arm, read_measurements(truth.train, arm))
     error = armflex.predict(found.arm, read_measurements(truth.test, arm)).position - truth.clean
     assert np.sqrt((error[truth.held_out] ** 2).sum(axis=1).mean()) < 0.7 * 2e-4 * np.sqrt(3.0)
-
-
-@pytest.mark.slow
-def test_every_null_draws():
-    assert all(draw(kind, 1, arm).effects == () for kind in NULLS for arm in ARMS)

@@ -10,8 +10,7 @@ from typing import Any
 
 import pytest
 
-from armflex import Arm, Measurements, Trajectory, load_arm, read_trajectory, trace
-from armflex.trace.findings import Trace
+from armflex import Arm, Measurements, Trajectory, load_arm, read_trajectory
 from support.command_line import Run, run_apart, run_here
 from support.small_arms import ROBOTS
 
@@ -51,11 +50,13 @@ def tarm_preset() -> Callable[[str], Arm]:
 
 
 @pytest.fixture(scope="session")
-def traced_once() -> Callable[..., Trace]:
+def traced_once() -> Callable[..., Any]:
     """Return `trace`, which traces the boom's bundled campaign once in a process: a page and an example share it."""
+    from armflex.trace import trace  # which takes a second
+
     campaign, made = hashlib.sha256((ROBOTS / "tarm_like" / "campaign.csv").read_bytes()).hexdigest(), []
 
-    def traced(arm: Arm, rows: Measurements, **more: Any) -> Trace:
+    def traced(arm: Arm, rows: Measurements, **more: Any) -> Any:
         inspect.signature(trace).bind(arm, rows, **more)
         if isinstance(rows, Measurements) and rows.sha256 == campaign:
             made.extend([] if made else [trace(arm, rows, **more)])

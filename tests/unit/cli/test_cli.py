@@ -97,13 +97,6 @@ def test_check_json_and_exit_code(armflex: Run, tmp_path: Path, robot: Path, tol
     assert found["tolerance_m"] == {"0.1m": 0.1, "5mm": 0.005, "1cm": 0.01}[tolerance]
 
 
-@pytest.mark.slow
-def test_check_angle_alone_can_fail(armflex: Run) -> None:
-    command = ["check", HEAVY / "arm.toml", HEAVY / "trajectory.csv", "--tolerance", "1m", "--angle"]
-    fine(armflex(*command, "1mrad"), 1)
-    fine(armflex(*command, "10deg"), 0)
-
-
 @pytest.mark.parametrize(("robot", "match"), [(TARM, "position"), (HEAVY, "pose")])
 def test_compensate_writes_what_python_finds(
     armflex: Run, tmp_path: Path, tarm: Arm, heavy: Arm, robot: Path, match: str

@@ -1,10 +1,7 @@
 """The page is self-contained, escapes what it is given, and a real browser draws and plays it."""
 
 import base64
-import os
 import re
-import socket
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -77,17 +74,6 @@ def test_page_keeps_the_licences_of_the_viewer() -> None:
     page = render_page(small_scene())
     assert "Copyright (c) 2018 Robin Deits" in page
     assert "Three.js Authors" in page
-
-
-def test_page_is_made_without_process_or_socket(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*args: object, **kwargs: object) -> None:
-        raise AssertionError("a page must be made in process")
-
-    monkeypatch.setattr(subprocess, "Popen", refuse)
-    monkeypatch.setattr(os, "fork", refuse)
-    monkeypatch.setattr(socket.socket, "connect", refuse)
-    monkeypatch.setattr(socket.socket, "bind", refuse)
-    assert len(render_page(small_scene())) > 500_000
 
 
 def test_numbers_are_packed_as_the_page_unpacks_them() -> None:
