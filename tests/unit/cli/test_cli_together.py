@@ -59,7 +59,7 @@ GIVEN = {
 LATER = {"intake": ["path.csv", "-o", "o.csv"]}
 """How every column was taken is said before anything is written."""
 
-WORK = {"plan": "plan", "train": "train", "map": "map_workspace", "report": "iso9283"}
+WORK = {"plan": "plan", "train": "train", "map": "map_workspace", "report": "iso9283", "trace": "trace"}
 """What takes long in a command, and writes nothing."""
 
 BESIDE = {"fem": ("o.surface.safetensors",)}

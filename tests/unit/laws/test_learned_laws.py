@@ -51,8 +51,7 @@ def test_a_law_begins_as_it_was_declared(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", DECLARED)
-@pytest.mark.parametrize("number", [0, 7, 31])
-@pytest.mark.parametrize("out", [0.8, 1.3, 2.5])
+@pytest.mark.parametrize(("number", "out"), [(0, 0.8), (7, 1.3), (31, 2.5)])
 @pytest.mark.parametrize("energy", [None, compliance(rigid=2) / 5.0], ids=["by distance", "by energy"])
 def test_derivatives_by_load_and_by_values(name, number, out, energy):
     """Some of the loads are where a correction is carried on, and fades."""
