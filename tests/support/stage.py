@@ -93,10 +93,7 @@ def mechanism(folder: Path) -> tuple[Arm, Measurements]:
     return arm, read_measurements(folder / "rows.csv", arm)
 
 
-@pytest.fixture(
-    scope="module",
-    params=["boom", pytest.param("mechanism", marks=pytest.mark.slow)],
-)
+@pytest.fixture(scope="module", params=["boom", pytest.param("mechanism", marks=pytest.mark.slow)])
 def stage(request, tmp_path_factory) -> Stage:
     if request.param == "mechanism":
         arm, rows = mechanism(tmp_path_factory.mktemp("campaign"))

@@ -75,16 +75,6 @@ def test_every_kind_of_law_and_effects(tmp_path, no_reference, kind):
         assert_rows(pulled, q, pulled.deflection(q, covariates=known), known=known)
 
 
-@pytest.mark.parametrize("gravity", [(0.0, 0.0, -9.81), (3.0, -2.0, 8.5)])
-def test_bases_branches_slides_and_seams(tmp_path, gravity):
-    law = [LinearLaw(random_compliance(i, 2.0)) for i in range(6)]
-    where = {"tip": ("flange", law[0]), "foot": (None, law[1]), "roll": ("roll", law[2])}
-    where |= {"end": ("slide", law[3], True), "seam": ("seam", law[4]), "again": ("roll", law[5])}
-    arm, body = crooked(tmp_path, where, gravity=np.array(gravity)), Payload(15.0, [0.2, 0.1, 0.0])
-    q = positions(arm, 8)
-    assert_rows(arm, q, arm.deflection(q, body), [body] * 8)
-
-
 def test_payloads_by_row_come_back_in_their_rows():
     arm, q = bundled("tarm_like"), positions(bundled("tarm_like"), 12)
     payloads = ["p600", None, "none", "p300", "p600", "empty"] * 2
@@ -292,13 +282,6 @@ def test_rows_that_fill_the_lanes_and_rows_that_do_not(tmp_path_factory, seed, s
         np.testing.assert_allclose(found.twists[i], one.twists, rtol=0, atol=NEAR)
         most = np.abs(one.wrenches).max()
         np.testing.assert_allclose(found.wrenches[i], one.wrenches, rtol=0, atol=NEAR * most)
-
-
-@pytest.mark.parametrize("size", [3, 6])
-def test_networks_at_every_joint(tmp_path, size):
-    arm = networks(tmp_path, size)
-    q = positions(arm, 6)
-    assert_rows(arm, q, arm.deflection(q))
 
 
 def test_an_arm_that_stands_elsewhere_than_its_controller_says():

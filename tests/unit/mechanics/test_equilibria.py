@@ -106,15 +106,6 @@ def test_twists_are_what_the_laws_say_of_the_loads(rows, together):
         np.testing.assert_allclose(together.twists[i], np.concatenate(expected), rtol=0, atol=2e-12)
 
 
-def test_an_arms_deflection_is_the_same(tmp_path):
-    arm = replace(three_joints(tmp_path, laws_of("effects")), effects=effects())
-    found = rows_of(arm, Q, PAYLOAD, **KNOWN).together()
-    for i in range(0, COUNT, 2):
-        known = {name: values if np.ndim(values) == 0 else values[i] for name, values in KNOWN.items()}
-        one = arm.deflection(Q[i], CARRIED[PAYLOAD[i]], covariates=known)
-        np.testing.assert_allclose(found.twists[i], one.twists.ravel(), rtol=0, atol=NEAR)
-
-
 @settings(max_examples=25)
 @given(order=st.permutations(range(8)), count=st.integers(1, 8))
 def test_rows_know_nothing_of_each_other(tmp_path_factory, order, count):

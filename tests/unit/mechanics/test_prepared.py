@@ -96,12 +96,6 @@ def test_every_kind_of_law_and_effects(tmp_path, kind):
         assert_alike(replace(arm, effects=acting), positions(arm, 3), **(known if acting else {}))
 
 
-@pytest.mark.parametrize("size", [3, 6])
-def test_networks(tmp_path, size):
-    arm = networks(tmp_path, size)
-    assert_alike(arm, positions(arm, 4))
-
-
 def test_an_answer_is_the_callers_own():
     loop, (one, other) = bundled("tarm_like").prepared("p300"), positions(bundled("tarm_like"), 2)
     first = loop(one)

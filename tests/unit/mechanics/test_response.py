@@ -70,19 +70,6 @@ def test_the_bundled_arms(name, payload):
         assert_like_pinocchio(arm, q, [payload] * 4, respond(arm, q, [payload] * 4))
 
 
-def test_bases_branches_slides_and_seams(tmp_path):
-    """Flexures at the base, at a fixed joint, before a joint, two at one joint, declared out of order."""
-    law = [LinearLaw(random_compliance(i, 2.0)) for i in range(6)]
-    where = {"tip": ("flange", law[0]), "foot": (None, law[1]), "roll": ("roll", law[2])}
-    where |= {"end": ("slide", law[3], True), "seam": ("seam", law[4]), "again": ("roll", law[5])}
-    for gravity in ((0.0, 0.0, -9.81), (3.0, -2.0, 8.5)):
-        arm = crooked(tmp_path, where, gravity=np.array(gravity))
-        q, bodies = positions(arm, 4), [Payload(15.0, [0.2, 0.1, 0.0]), "none"] * 2
-        found = respond(arm, q, bodies)
-        assert_like_pinocchio(arm, q, bodies, found)
-        assert_like_pinocchio(corrected(arm), q, bodies, respond(corrected(arm), q, bodies))
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["effects", "effects on structures", "structural"])
 def test_curved_laws_and_pulls(tmp_path, kind):
