@@ -163,7 +163,8 @@ def test_size_scales_the_effect_and_nothing_else():
 def test_what_calibration_may_move_is_hidden_by_it():
     """An encoder offset is a calibration parameter; backlash is none."""
     offset, backlash = draw("encoder_offset", 3, "six"), draw("backlash", 3, "six")
-    assert visible(offset).rms < 0.1 * offset.raw_rms[0] and visible(offset).strain > 0.1
+    left = visible(offset)
+    assert left.rms < 0.1 * offset.raw_rms[0] and left.strain > 0.1
     assert 0.5 * backlash.raw_rms[0] < visible(backlash).rms <= backlash.raw_rms[0]
     assert visible(draw("session_frame", 3)).strain > 3.0
 

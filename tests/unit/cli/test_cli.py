@@ -32,11 +32,11 @@ TARM, HEAVY = ROBOTS / "tarm_like", ROBOTS / "heavy_six"
 TABLE = TARM / "a4_table_1.csv"
 
 
-def test_help_of_the_whole_names_every_command(shell: Run) -> None:
+def test_help_of_the_whole_names_every_command(shell: Run, armflex: Run) -> None:
     text = fine(shell("--help")).stdout
     assert all(f"  {name} " in text for name in COMMANDS)
-    assert fine(shell("-h")).stdout == text and "deflect" in fine(shell(), 2).stderr
-    assert fine(shell("--version")).stdout.strip()
+    assert "deflect" in fine(armflex(), 2).stderr and "deflect" in fine(armflex("-h")).stdout
+    assert fine(armflex("--version")).stdout.strip()
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -46,10 +46,9 @@ def test_help_of_every_command(armflex: Run, command: str) -> None:
     assert "--json" in text
 
 
-@pytest.mark.slow
-def test_deflect_json(shell: Run, tmp_path: Path, tarm: Arm) -> None:
+def test_deflect_json(armflex: Run, tmp_path: Path, tarm: Arm) -> None:
     result = fine(
-        shell(
+        armflex(
             "deflect", TARM / "arm.toml", "--q", "M1=1500mm, A1=10deg,A3=0.5", "--payload", "p600", "--json", "d.json"
         )
     )
@@ -384,8 +383,8 @@ def test_an_arm_that_gives_too_far_exits_with_1(armflex: Run, tmp_path: Path) ->
     assert "large_sag" in fine(armflex("deflect", arm, "--allow-large")).stderr
 
 
-def test_doubts_go_to_stderr(shell: Run) -> None:
-    result = fine(shell("deflect", TARM / "robot.urdf"))
+def test_doubts_go_to_stderr(armflex: Run) -> None:
+    result = fine(armflex("deflect", TARM / "robot.urdf"))
     assert "warning: rigid:" in result.stderr and "rigid:" not in result.stdout
 
 

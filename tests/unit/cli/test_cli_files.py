@@ -148,9 +148,9 @@ def test_whatever_is_no_file_is_told_in_one_line(
         assert now == before, arguments
 
 
-def test_an_input_is_refused_from_the_shell(shell: Run, tmp_path: Path) -> None:
+def test_an_input_is_refused(armflex: Run, tmp_path: Path) -> None:
     (tmp_path / "in.csv").write_bytes(TABLE.read_bytes())
-    result = fine(shell("train", "in.csv", "-o", "o.safetensors", "--json", "in.csv"), 2)
+    result = fine(armflex("train", "in.csv", "-o", "o.safetensors", "--json", "in.csv"), 2)
     assert "in.csv is an input of this command; name another file with --json" in result.stderr
     assert (tmp_path / "in.csv").read_bytes() == TABLE.read_bytes() and not (tmp_path / "o.safetensors").exists()
 
