@@ -18,13 +18,14 @@ pytestmark = pytest.mark.slow
 SIGMA = 2e-5  # rad
 
 
-def campaign(folder: Path, kind: str, seed: int, arm: str, share: float = 0.75) -> tuple:
-    """Return what was drawn, the declared arm, and its campaign with orientations."""
+def campaign(folder: Path, kind: str, seed: int, arm: str, share: float = 0.75, every: int = 1) -> tuple:
+    """Return what was drawn, the declared arm, and its campaign, every so manieth reading of it, with orientations."""
     drawn = draw(kind, seed, arm)
-    truth = drawn.write(folder)
+    truth = drawn.write(folder, every)
     declared = load_arm(truth.arm)
     rows = read_measurements(truth.train, declared)
     turns, read = drawn.orientations(SIGMA, share)
+    read &= rows.measured
     rotation, spread = np.where(read[:, None], turns, 0.0), np.where(read, SIGMA, np.inf)
     return truth, declared, replace(rows, rotation=rotation, sigma_r=spread)
 
@@ -32,14 +33,14 @@ def campaign(folder: Path, kind: str, seed: int, arm: str, share: float = 0.75) 
 # What the positions' noise is over the stated one says nothing of the orientations'.
 @pytest.mark.parametrize(("kind", "arm"), [("none_noisier", "six"), ("none_quieter", "boom")])
 def test_nothing_is_found_where_one_kind_of_reading_is_worse_than_stated(tmp_path, kind, arm):
-    _, declared, rows = campaign(tmp_path, kind, 10, arm)
+    _, declared, rows = campaign(tmp_path, kind, 10, arm, every=3)
     found = trace(declared, rows)
     # Above one half there is a name; an even chance of nothing is no certainty.
     assert all(named.probability < 0.75 for named in found.found) and found.unexplained is None
 
 
 def test_the_right_effect_alone_is_found(tmp_path):
-    truth, declared, rows = campaign(tmp_path, "backlash", 1, "six")
+    truth, declared, rows = campaign(tmp_path, "backlash", 1, "six", every=3)
     (one,) = trace(declared, rows).found
     true = truth.effects[0]
     assert (one.effect.law.name, one.effect.location.site, one.effect.location.axis) == (

@@ -451,21 +451,6 @@ def test_rows_that_are_left_out_of_a_table_are_counted_as_what_they_are(armflex:
     assert int(hidden[1]) == (10 if lost else 0)
 
 
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::armflex.errors.ArmflexWarning")
-def test_a_joint_that_cannot_be_at_zero_stands_in_the_middle_and_that_is_said(armflex: Run, tmp_path: Path) -> None:
-    text = (HEAVY / "robot.urdf").read_text()
-    first = re.search(r'<limit lower="([^"]*)" upper="([^"]*)"', text)
-    (tmp_path / "robot.urdf").write_text(text.replace(first[0], '<limit lower="0.5" upper="1.5"', 1))
-    for command in (["deflect", "robot.urdf", "--json", "d.json"], ["view", "robot.urdf", "-o", "v.html"]):
-        shown = fine(armflex(*command, "--tip", "tool"))
-        assert "0 is outside its limits [0.5, 1.5]; it is taken at 1" in shown.stderr
-    assert strict_json(tmp_path / "d.json")["q"][:2] == [1.0, 0.0]
-    shown = fine(armflex("deflect", "robot.urdf", "--tip", "tool", "--q", "J1=0.7"))
-    assert "it is taken at" not in shown.stderr
-    assert "outside its limits" in fine(armflex("deflect", "robot.urdf", "--tip", "tool", "--q", "J1=0"), 2).stderr
-
-
 def test_a_pipe_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
     monkeypatch.setattr(terminal, "EVERY", 0.2)
     monkeypatch.setattr(terminal, "REDRAWN", 0.05)

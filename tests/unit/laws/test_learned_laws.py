@@ -32,7 +32,6 @@ from armflex.laws.declared import Flexure
 from armflex.laws.joint.linear import LinearFit
 from armflex.laws.law import beyond
 from armflex.laws.learned import LearnedLaw, Learning, learned_law, seen_in
-from armflex.parameters import ArmParameter, Certainty, ParameterGroup, ParameterKind
 
 
 def ending(law: LearnedLaw, **changed: object) -> LearnedLaw:
@@ -326,14 +325,6 @@ def test_laws_of_names_that_begin_alike_are_read_with_their_own_covariance(boom,
     for kept, before in zip(again.flexures, found.arm.flexures, strict=True):
         if kept.learn is not None:
             np.testing.assert_allclose(kept.law.posterior, before.law.posterior, rtol=1e-6)
-
-
-def test_parameters_named_alike_are_refused():
-    with pytest.raises(InputError, match="law A2 1@n 2@m:dx"):
-        names = (("A2", "1@n 2@m:dx"), ("A2 1@n", "2@m:dx"))
-        Certainty(
-            tuple(ArmParameter(ParameterGroup(ParameterKind.LAW, flexure), name) for flexure, name in names), np.eye(2)
-        )
 
 
 @pytest.mark.slow

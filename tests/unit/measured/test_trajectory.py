@@ -214,15 +214,6 @@ def test_a_trajectory_in_memory_is_checked_too(changes: dict, error: type) -> No
         replace(made, **changes)
 
 
-@pytest.mark.slow
-def test_writing_where_nothing_can_be_written_leaves_nothing(tmp_path: Path) -> None:
-    (tmp_path / "folder").mkdir()
-    for place in (tmp_path / "folder", tmp_path / "none" / "t.csv"):
-        with pytest.raises(InputError, match="cannot be written"):
-            write_trajectory(awkward(3), place)
-    assert [path.name for path in tmp_path.rglob("*")] == ["folder"]
-
-
 @pytest.mark.parametrize("column", ["q_lean", "q_lean_deg"])
 def test_the_position_of_a_joint_without_a_drive_is_refused_with_the_drives(tmp_path: Path, column: str) -> None:
     arm = load_arm(ROBOTS / "hybrid_lifter" / "arm.toml")

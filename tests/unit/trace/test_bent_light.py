@@ -74,7 +74,7 @@ def test_a_support_that_lifts_off_is_named(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_beam_that_the_air_bends_is_named(tmp_path: Path) -> None:
-    truth = draw("none", 21, "six").write(tmp_path)
+    truth = draw("none", 21, "six").write(tmp_path, every=3)
     arm = load_arm(truth.arm)
     rows = read_measurements(truth.train, arm)
     up = -(calibrate(arm, rows).fit.setup.instrument.pose.rotation @ arm.robot.gravity)

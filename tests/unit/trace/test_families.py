@@ -23,9 +23,9 @@ def eccentric(amplitudes: dict[str, float]) -> list[Effect]:
     return [one for one in effects if any(one.values)]
 
 
-def measured(amplitudes: dict[str, float]) -> Trace:
-    """Return the trace of 334 readings of a simulated arm with eccentric encoders [rad]."""
-    return trace(*six_axes.campaign(334, effects=eccentric(amplitudes)))
+def measured(amplitudes: dict[str, float], count: int) -> Trace:
+    """Return the trace of so many readings of a simulated arm with eccentric encoders [rad]."""
+    return trace(*six_axes.campaign(count, effects=eccentric(amplitudes)))
 
 
 def _records(joint, arm) -> Any:
@@ -37,7 +37,7 @@ LITTLE = dict.fromkeys(six_axes.declared().joint_names, 2e-3)
 
 @pytest.fixture(scope="module")
 def little() -> Trace:
-    return measured(LITTLE)
+    return measured(LITTLE, 334)
 
 
 @pytest.mark.slow
@@ -70,12 +70,12 @@ def test_what_is_stated_of_poses_held_out_is_what_other_poses_get(little: Trace)
 
 @pytest.mark.slow
 def test_noise_is_no_family() -> None:
-    assert not measured({}).state.background.names
+    assert not measured({}, 200).state.background.names
 
 
 @pytest.mark.slow
 def test_much_at_one_drive_is_no_family() -> None:
     """The effect by itself is worth more than the same at every drive: it is named."""
-    found = measured({"shoulder_lift_joint": 4e-3})
+    found = measured({"shoulder_lift_joint": 4e-3}, 200)
     assert not found.state.background.names
     assert "encoder eccentricity at shoulder_lift_joint (ry)" in [one.effect.title for one in found.found]
