@@ -129,7 +129,7 @@ def test_goes_on_where_a_calibration_ended_as_if_it_had_seen_all(machine):
 )
 def test_a_change_is_announced_within_few_readings(known, machine, name, changes):
     delays, names = [], Counter()
-    for seed in range(200, 280, 10):
+    for seed in range(200, 240, 10):
         tracker = followed(Tracker(known), machine.readings(seed, 20))
         assert not tracker.changes
         for count, reading in enumerate(machine.readings(seed + 5, 15, **changes), 1):  # noqa: B007
@@ -138,7 +138,7 @@ def test_a_change_is_announced_within_few_readings(known, machine, name, changes
         delays.append(count)
         names[change.name] += 1
         assert change.probability > 0.9 and abs(change.since - 21) <= 4 and change.reading == 20 + count
-    assert names == {name: 8} and np.median(delays) <= 7 and max(delays) <= 12
+    assert names == {name: 4} and np.median(delays) <= 7 and max(delays) <= 12
 
 
 def test_the_size_of_a_change_is_told_and_followed(known, machine):
@@ -155,7 +155,8 @@ def test_the_size_of_a_change_is_told_and_followed(known, machine):
 
 @pytest.mark.slow
 def test_no_alarm_while_nothing_changes(known, machine):
-    tracker = followed(Tracker(known), machine.readings(400, 2000))
+    """Of 20 000 readings `python tests/studies/tracked.py --quiet 20000` counts the alarms."""
+    tracker = followed(Tracker(known), machine.readings(400, 600))
     assert not tracker.changes and tracker.outliers < 10
 
 

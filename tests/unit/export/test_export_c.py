@@ -204,7 +204,7 @@ def heavy(tmp_path_factory: pytest.TempPathFactory) -> CompiledArm:
     return compiled(bundled("heavy_six"), tmp_path_factory.mktemp("heavy"))
 
 
-@settings(max_examples=200)
+@settings(max_examples=80)
 @given(st.data())
 def test_whatever_is_asked_has_an_answer_or_a_code(heavy: CompiledArm, data: st.DataObject) -> None:
     arm = bundled("heavy_six")

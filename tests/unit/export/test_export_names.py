@@ -164,7 +164,7 @@ def test_code_in_the_name_of_a_via_point_stays_a_comment(tmp_path: Path) -> None
 
 
 @given(ANY)
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=120, deadline=None)
 def test_no_text_ends_a_comment_of_c(name: str) -> None:
     text = quoting.c_comment(name)
     assert text.isascii() and text.isprintable() and "??" not in text and "\\" not in text
@@ -172,7 +172,7 @@ def test_no_text_ends_a_comment_of_c(name: str) -> None:
 
 
 @given(ANY)
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=120, deadline=None)
 def test_texts_of_pages_are_texts(name: str) -> None:
     page = ElementTree.fromstring(f'<p title="{quoting.html_text(name)}">{quoting.html_text(name)}</p>')
     assert page.text == page.get("title") and len(page) == 0

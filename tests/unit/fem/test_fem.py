@@ -474,7 +474,7 @@ def test_a_broken_mesh_is_named(broken: str, tmp_path: Path) -> None:
     assert not (tmp_path / "p.toml").exists()
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_spoilt_meshes_are_refused_or_read(data: st.DataObject, tmp_path: Path) -> None:
     """No spoilt line ends in anything but a mesh or a typed error."""

@@ -182,7 +182,7 @@ def test_a_chain_must_lead_from_base_to_tip(tmp_path, tip, base, words):
 
 
 @pytest.mark.slow
-@settings(max_examples=400, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     place=st.integers(0, len(GOOD)),
     length=st.integers(0, 30),
