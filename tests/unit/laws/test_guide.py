@@ -305,7 +305,7 @@ def test_held_out_errors_fall_to_the_noise(traced):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("height", np.linspace(0.0, 2.0, 9).tolist())
+@pytest.mark.parametrize("height", [0.0, 1.0, 2.0])
 def test_the_traced_column_tilts_as_the_true_one(traced, height):
     """Between ahead and aside, because what is the same everywhere is the instrument's place."""
     ends = [traced.arm.position(lift=height, elbow=0.5, turn=turn) for turn in (0.0, np.pi / 2.0)]
@@ -315,7 +315,7 @@ def test_the_traced_column_tilts_as_the_true_one(traced, height):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("compliance", "times"), [("1e-8", 10.0), ("1e-7", 1.0), ("1e-7", 10.0)])
+@pytest.mark.parametrize(("compliance", "times"), [("1e-8", 10.0), ("1e-7", 10.0)])
 def test_calibration_settles_where_the_model_is_far_off(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compliance: str, times: float
 ) -> None:
