@@ -51,17 +51,17 @@ def tarm_preset() -> Callable[[str], Arm]:
 
 @pytest.fixture(scope="session")
 def traced_once() -> Callable[..., Any]:
-    """Return `trace`, which traces the boom's bundled campaign once in a process: a page and an example share it."""
+    """Return `trace` of the boom's bundled campaign alone, made once in a process: a page and an example share it."""
     from armflex.trace import trace  # which takes a second
 
     campaign, made = hashlib.sha256((ROBOTS / "tarm_like" / "campaign.csv").read_bytes()).hexdigest(), []
 
-    def traced(arm: Arm, rows: Measurements, **more: Any) -> Any:
-        inspect.signature(trace).bind(arm, rows, **more)
-        if isinstance(rows, Measurements) and rows.sha256 == campaign:
-            made.extend([] if made else [trace(arm, rows, **more)])
-            return made[0]
-        return trace(arm, rows, **more)
+    def traced(*given: Any, **more: Any) -> Any:
+        rows = inspect.signature(trace).bind(*given, **more).arguments["measurements"]
+        (rows,) = rows if isinstance(rows, list) else (rows,)
+        assert isinstance(rows, Measurements) and rows.sha256 == campaign
+        made.extend([] if made else [trace(*given, **more)])
+        return made[0]
 
     return traced
 

@@ -66,14 +66,14 @@ def test_a4_rows(tmp_path):
 
 
 def test_a4_surrogate(tmp_path, monkeypatch):
-    """Over four benches: networks that weigh their weights follow to the noise, all that is plainer does not."""
+    """Over ten benches: networks that weigh their weights follow to the noise, all that is plainer does not."""
     monkeypatch.syspath_prepend(str(EXAMPLES))
     found = run("07_a4_surrogate", str(tmp_path), True)
     bayesian, plain = "Bayesian ANN, Laplace, 3-20-3", "ANN, plain LM, 3-20-3"
     assert (found.new[bayesian] < 1.5).all() and (found.exact[bayesian] < 1.25).all()
     assert (found.new[plain] > found.new[bayesian]).all() and found.new[plain][0] > 2.5
     assert (found.new["terms as found"] > 1.9).all() and found.new["parametric (diagonal)"].min() > 9.0
-    assert found.coverage.shape == (4, 3) and 0.90 < found.coverage.mean() < 0.99
+    assert found.coverage.shape == (10, 3) and 0.90 < found.coverage.mean() < 0.99
     assert found.density[20] > found.density[5] + 0.5
     assert len(found.figures) == 8 and all(file.stat().st_size > 10_000 for file in found.figures)
 
