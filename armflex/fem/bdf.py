@@ -1,7 +1,6 @@
 """Nastran bulk data: GRID, CTETRA, CHEXA, PSOLID, MAT1, and sets as SET in the case control or as SPC, SPC1.
 
-meshio reads the elements, not the sets, properties and materials; so the cards are read here, in small, large and free
-fields. What is neither read nor known not to change a model of solids is refused by name.
+The cards are read in small, large and free fields. What is neither read nor known not to change a model of solids is refused by name.
 """
 
 import re
@@ -72,6 +71,9 @@ PARAMETERS = words(
 )
 """PARAM and MDLPRM that concern neither stiffness nor mass of solids; WTMASS is read."""
 
+SHIFTS = "123"
+"""Components of a node's shift."""
+
 UPWARD = [*range(12), 16, 17, 18, 19, 12, 13, 14, 15]
 """Nodes of a CHEXA of twenty -> those of a C3D20: the edges upward come before those of the top."""
 
@@ -98,7 +100,7 @@ def read_bdf(path: Path, unit: str = "m") -> Mesh:
     if begin >= 0 and not re.fullmatch(r"BEGIN(\s+BULK)?", lines[begin][1].strip(), re.I):
         draft.fail(f"{lines[begin][1].strip()[:40]!r} begins what is not read, expected BEGIN BULK", lines[begin][0])
     flags, properties, foreign = [Flag("no_end", f"{path} has no ENDDATA: is it whole?")], [], {}
-    held: dict[str, list[tuple[list[str], int]]] = {}
+    held: dict[str, list[tuple[list[str], int, str]]] = {}
     for line, (word, *cells) in _cards(draft, lines[begin + 1 :]):
         cells = [*(cell.strip() for cell in cells), *[""] * 8]
         if match := _SET.fullmatch(word):
@@ -114,9 +116,11 @@ def read_bdf(path: Path, unit: str = "m") -> Mesh:
         elif word in KINDS or word in FLAT:
             number, part = draft.whole(line, [cells[0], cells[1] or cells[0]], 2)
             corners = draft.whole(line, cells[2 : 2 + FLAT.get(word, 20)])  # of faces thickness and angle come after
-            if (kind := KINDS[word].get(len(corners)) if word in KINDS else word) is None:
+            whole = all(cells[2 : 2 + len(corners)])
+            if (kind := KINDS[word].get(len(corners) * whole) if word in KINDS else word) is None:
                 expected = " or ".join(map(str, KINDS[word]))
-                draft.fail(f"{word} {number} has {len(corners)} nodes, expected {expected}", line)
+                gaps = "" if whole else " and gaps between them"
+                draft.fail(f"{word} {number} has {len(corners)} nodes{gaps}, expected {expected}", line)
             draft.element(number, number, kind, [corners[i] for i in UPWARD] if kind == "C3D20" else corners, line)
             draft.groups.setdefault(f"{'PID' if word in FLAT else 'PSOLID'}{part}", []).append(number)
         elif word in ("PSOLID", "PSHELL", "PCOMP"):
@@ -125,16 +129,18 @@ def read_bdf(path: Path, unit: str = "m") -> Mesh:
             properties.append((f"{'PSOLID' if word == 'PSOLID' else 'PID'}{cells[0]}", word, cells[1], line))
         elif word == "MAT1":
             young, shear, poisson, mass = draft.numbers(line, cells[1:5])
-            if not young or not (shear or cells[3]):
-                draft.fail("MAT1 needs E, and G or NU", line)
+            if bool(young) + bool(shear) + bool(cells[3]) < 2:
+                draft.fail("MAT1 needs two of E, G and NU", line)
             poisson = poisson if cells[3] else 0.5 * young / shear - 1.0
+            young = young or 2.0 * shear * (1.0 + poisson)
             draft.material(cells[0], line, young=young, poisson=poisson, density=mass)
         elif word in ("SPC", "SPC1"):
-            nodes = [cells[1], cells[4]] if word == "SPC" else cells[2:]
-            held.setdefault(f"SPC{cells[0]}", []).append(([cell.upper() for cell in nodes if cell], line))
+            for axes, *nodes in [cells[2:0:-1], cells[5:3:-1]] if word == "SPC" else [cells[1:]]:
+                named = [cell.upper() for cell in nodes if cell]
+                held.setdefault(f"SPC{cells[0]}", []).extend([(named, line, axes)] if named else [])
         elif word == "SPCADD":
             for other in filter(None, cells[1:]):
-                held.setdefault(f"SPC{cells[0]}", []).append(([f"SPC{other}"], line))
+                held.setdefault(f"SPC{cells[0]}", []).append(([f"SPC{other}"], line, ""))
         elif word in ("PARAM", "MDLPRM"):
             for name, value in zip(cells[::2], cells[1::2], strict=False):
                 factor = _parameter(draft, name, value, line) if name else None
@@ -158,16 +164,22 @@ def read_bdf(path: Path, unit: str = "m") -> Mesh:
     for material in draft.materials.values():
         mass = material.pop("density")
         material |= {"density": (controlled or scale or 1.0) * mass} if mass else {}
-    requested = [(name, *members) for name, members in sets.items()]
+    requested = [(name, *members, SHIFTS) for name, members in sets.items()]
     for name, several in held.items():
-        for given, line in several:
-            others = [word for word in given if word.startswith("SPC")]
-            more = [word for other in others for words_of, _ in held.get(other, ()) for word in words_of]
-            requested.append((name, more if others else given, line))
-    last = max(draft.nodes, default=0)
-    for name, given, line in requested:
+        for card in several:
+            others = held.get(card[0][0], ()) if card[0][0].startswith("SPC") else [card]
+            requested += [(name, *other) for other in others]
+    last, axes_of = max(draft.nodes, default=0), dict[tuple[str, int], tuple[int, set[str]]]()
+    for name, given, line, axes in requested:
         if name not in draft.unread:
-            draft.sets.setdefault(name, []).extend(_members(draft, name, given, line, last))
+            members = _members(draft, name, given, line, last)
+            draft.sets.setdefault(name, []).extend(members)
+            for node in members:
+                axes_of.setdefault((name, node), (line, set()))[1].update(axes)
+    for (name, node), (line, axes) in axes_of.items():
+        if not axes >= {*SHIFTS}:  # as a plane of symmetry does
+            text = f"holds node {node} in {''.join(sorted(axes))} alone, and a set is held in all of {SHIFTS}"
+            draft.unread.setdefault(name, (text, line))
     draft.sets = {name: nodes for name, nodes in draft.sets.items() if name not in draft.unread}
     return draft.mesh(flags)
 

@@ -1,28 +1,29 @@
-"""gmsh meshes, binary ones by meshio, and STEP files by gmsh, which is GPL and only called where it is installed.
+"""gmsh meshes, and STEP files by gmsh, which is GPL and only called where it is installed.
 
-Text is read here: meshio drops numbers and lines, and what a section has beyond its count.
+What a binary file has becomes the rows that a text has, so that one reader judges both.
 """
 
 import re
+import struct
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from armflex.errors import MeshError, Place, UnsupportedError, did_you_mean, listing
-from armflex.fem.mesh import FLAT, NOT_COMPUTED, SOLIDS, Draft, Mesh
+from armflex.fem.mesh import FLAT, MOST_BYTES, NOT_COMPUTED, SOLIDS, Draft, Mesh
+from armflex.storage.read_file import read_file
 from armflex.storage.whole_file import scratch
 
 KINDS = {"tetra": "C3D4", "tetra10": "C3D10", "hexahedron": "C3D8", "hexahedron20": "C3D20"}
-"""meshio's name -> CalculiX's; the nodes of both stand in one order."""
+"""Name of a type -> CalculiX's."""
 
 TYPES = (
     *("", "line", "triangle", "quad", "tetra", "hexahedron", "wedge", "pyramid", "line3", "triangle6", "quad9"),
     *("tetra10", "hexahedron27", "wedge18", "pyramid14", "vertex", "quad8", "hexahedron20", "wedge15", "pyramid13"),
 )
-"""gmsh's number of a type -> meshio's name."""
+"""gmsh's number of a type -> its name."""
 
 ORDERS = {"C3D10": [*range(8), 9, 8], "C3D20": [*range(9), 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15]}
 """Type -> places of its nodes in gmsh's order."""
@@ -40,7 +41,7 @@ OPTIONS = {
 """Section that is not read -> what makes gmsh write the mesh without it."""
 
 Row = tuple[int, str]
-"""A line that is not empty, and its number."""
+"""A line that is not empty, and its number; 0 in a binary file."""
 
 
 def read_msh(path: Path, unit: str = "m") -> Mesh:
@@ -51,10 +52,9 @@ def read_msh(path: Path, unit: str = "m") -> Mesh:
     version, binary, *_ = [*start[1].split(), "", ""]
     if not start[0]:
         draft.fail("is no gmsh mesh: it has no $MeshFormat")
-    if binary == "0":
-        _read_text(draft, version)
-    else:
-        _read_binary(draft)
+    if not (version.startswith("2") or version == "4.1"):  # gmsh's own 4.0 says 4
+        draft.fail(f"version {version!r} of gmsh's format is not read: in gmsh Mesh.MshFileVersion = 4.1")
+    _take_in(draft, _sections(draft) if binary == "0" else _Binary(draft, start[1]).sections, not version.startswith("2"))
     return draft.mesh()
 
 
@@ -72,20 +72,136 @@ def _sections(draft: Draft) -> dict[str, list[Row]]:
             if text and name in READ:
                 sections[name].append((line, text))
         elif text.startswith("$"):
-            name, begun = text[1:], line
-            if name in OPTIONS:
-                draft.fail(f"{text} is not read: in gmsh {OPTIONS[name]}", line)
-            if name not in (*READ, *HARMLESS):
-                hint = did_you_mean(name, READ) or f" (known: {listing((*READ, *HARMLESS))})"
-                draft.fail(f"no section of a gmsh mesh is called {text[:40]}{hint}", line)
-            if name in READ and name in sections:
-                draft.fail(f"{text} stands twice", line)
-            sections[name] = [(line, text)]
+            name, begun = _begin(draft, sections, line, text), line
         elif text:
             draft.fail(f"expected a section such as $Nodes, got {text[:40]!r}", line)
     if name:
         draft.fail(f"${name} does not end: is the file whole?", begun)
     return sections
+
+
+def _begin(draft: Draft, sections: dict[str, list[Row]], line: int, text: str) -> str:
+    """Add a section by the line that begins it; return its name."""
+    name = text[1:]
+    if name in OPTIONS:
+        draft.fail(f"{text} is not read: in gmsh {OPTIONS[name]}", line)
+    if name not in (*READ, *HARMLESS):
+        hint = did_you_mean(name, READ) or f" (known: {listing((*READ, *HARMLESS))})"
+        draft.fail(f"no section of a gmsh mesh is called {text[:40]}{hint}", line)
+    if name in READ and name in sections:
+        draft.fail(f"{text} stands twice", line)
+    sections[name] = [(line, text)]
+    return name
+
+
+class _Binary:
+    """The sections of a binary file as rows of a text, each with the line that begins it first.
+
+    Source: gmsh's reference manual, "MSH file format", of version 4.1, and of 2 (legacy).
+    """
+
+    def __init__(self, draft: Draft, form: str) -> None:
+        self.draft, self.at, self.order = draft, 0, "<"
+        try:
+            self.data = read_file(draft.path, MOST_BYTES)
+        except OSError as error:
+            draft.fail(f"cannot be read: {error.strerror or error}")
+        version, _, *size = form.split()
+        if size != ["8"]:
+            draft.fail(f"has numbers of {' '.join(size) or 'no'} bytes, expected 8")
+        self.sections: dict[str, list[Row]] = {}
+        while text := self.line():
+            if not text.startswith("$"):
+                draft.fail(f"expected a section such as $Nodes, got {text[:40]!r}")
+            name = _begin(draft, self.sections, 0, text)
+            if name == "MeshFormat":
+                self.line()
+                self.order = {1: "<", 1 << 24: ">"}.get(self.take("i")[0][0], "")
+                if not self.order:
+                    draft.fail("does not say in which order its bytes are: is the file whole?")
+            elif name in ("Nodes", "Elements", "Entities"):
+                read = getattr(self, f"{name.lower()}_{'2' if version.startswith('2') else '4'}", None)
+                self.sections[name] += [] if read is None else ((0, text) for text in read())
+            else:
+                content, _, after = self.data[self.at :].partition(f"$End{name}".encode())
+                rows = content.decode("utf-8", "replace").splitlines() if name in READ else ()
+                self.sections[name] += [(0, row.strip()) for row in rows if row.strip()]
+                self.at = len(self.data) - len(after) - len(name) - 4 if after else len(self.data)
+            if (end := self.line()) != f"$End{name}":
+                end = f", got {end[:40]!r}" if end.isascii() and end.isprintable() and end else ""
+                draft.fail(f"${name} does not end with $End{name} after what its counts state{end}: is the file whole?")
+
+    def line(self) -> str:
+        """Return the next line that is not empty, '' where there is none."""
+        text = ""
+        while not text and self.at < len(self.data):
+            end = self.data.find(b"\n", self.at) + 1 or len(self.data)
+            text, self.at = self.data[self.at : end].decode("utf-8", "replace").strip(), end
+        return text
+
+    def take(self, form: str, count: int = 1) -> list[tuple]:
+        """Return so many times the next numbers, in the form of `struct`."""
+        size = struct.calcsize(self.order + form)
+        if count < 0 or size * count > len(self.data) - self.at:
+            name = [*self.sections][-1]
+            self.draft.fail(f"${name} has fewer than the {count} rows of {size} bytes that it states: is the file whole?")
+        start, self.at = self.at, self.at + size * count
+        return [*struct.iter_unpack(self.order + form, self.data[start : self.at])]
+
+    def stated(self) -> int:
+        """Return a count that stands in a line of text."""
+        return self.draft.whole(0, [self.line()], 1)[0]
+
+    def nodes_2(self) -> Iterator[str]:
+        yield str(count := self.stated())
+        yield from _texts(self.take("i3d", count))
+
+    def elements_2(self) -> Iterator[str]:
+        yield str(count := self.stated())
+        while count > 0 and not self.data.startswith(b"\n$End", self.at):
+            ((kind, several, tags),) = self.take("3i")
+            count -= max(several, 1)
+            width = _shape(self.draft, 0, kind)[1]
+            for number, *more in self.take(f"{1 + max(tags, 0) + width}i", several):
+                yield " ".join(map(str, [number, kind, tags, *more]))
+
+    def entities_4(self) -> Iterator[str]:
+        (counts,) = self.take("4Q")
+        yield from _texts([counts])
+        for dimension, count in enumerate(counts):
+            for _ in range(count):
+                ((tag, *box, groups),) = self.take("i6dQ" if dimension else "i3dQ")
+                yield " ".join(map(str, [tag, *box, groups, *(tag for (tag,) in self.take("i", groups))]))
+                self.take("i", self.take("Q")[0][0] if dimension else 0)
+
+    def nodes_4(self) -> Iterator[str]:
+        (counts,) = self.take("4Q")
+        yield from _texts([counts])
+        for _ in range(counts[0]):
+            (block,) = self.take("3iQ")
+            yield from _texts([block])
+            yield from _texts([*self.take("Q", block[3]), *self.take(f"{3 + max(block[0], 0) * bool(block[2])}d", block[3])])
+
+    def elements_4(self) -> Iterator[str]:
+        (counts,) = self.take("4Q")
+        yield from _texts([counts])
+        for _ in range(counts[0]):
+            (block,) = self.take("3iQ")
+            yield from _texts([block])
+            yield from _texts(self.take(f"{1 + _shape(self.draft, 0, block[2])[1]}Q", block[3]))
+
+
+def _texts(rows: list[tuple]) -> Iterator[str]:
+    return (" ".join(map(str, row)) for row in rows)
+
+
+def _shape(draft: Draft, line: int, kind: int) -> tuple[str, int]:
+    """Return the type of elements that gmsh has a number for, and of how many nodes each is."""
+    name = TYPES[kind] if 0 < kind < len(TYPES) else f"number {kind}"
+    if (shape := KINDS.get(name, name)) not in (*SOLIDS, *FLAT):
+        remedy = " (in gmsh Mesh.SecondOrderIncomplete = 1)" * (name == "hexahedron27")
+        draft.fail(f"elements of the type {name} are not computed{remedy}: {NOT_COMPUTED}", line)
+    return shape, SOLIDS.get(shape) or FLAT[shape]
 
 
 class _MeshLines:
@@ -127,11 +243,8 @@ class _MeshLines:
         self.end(stated, counted, of)
 
 
-def _read_text(draft: Draft, version: str) -> None:
-    """Read the text of a version 2 or 4.1."""
-    if not (version.startswith("2") or version == "4.1"):  # gmsh's own 4.0 says 4
-        draft.fail(f"version {version!r} of gmsh's format is not read: in gmsh Mesh.MshFileVersion = 4.1")
-    sections, apart = _sections(draft), not version.startswith("2")
+def _take_in(draft: Draft, sections: dict[str, list[Row]], apart: bool) -> None:
+    """Take in the sections of a version 4.1, whose blocks have their rows `apart`, or of 2."""
     for name in ("Nodes", "Elements"):
         if name not in sections:
             draft.fail(f"has no ${name}: is the file whole?")
@@ -171,11 +284,8 @@ def _read_text(draft: Draft, version: str) -> None:
                 again = bool(groups_of) and tag not in groups_of  # in several groups an element stands once for each
                 number = first if again else number
                 groups_of.add(tag)
-            name = TYPES[kind] if 0 < kind < len(TYPES) else f"number {kind}"
-            if (shape := KINDS.get(name, name)) not in (*SOLIDS, *FLAT):
-                remedy = " (in gmsh Mesh.SecondOrderIncomplete = 1)" * (name == "hexahedron27")
-                draft.fail(f"elements of the type {name} are not computed{remedy}: {NOT_COMPUTED}", line)
-            if len(cells) != (size := SOLIDS.get(shape) or FLAT[shape]):
+            shape, size = _shape(draft, line, kind)
+            if len(cells) != size:
                 draft.fail(f"element {number} has {len(cells)} nodes; a {shape} has {size}", line)
             if not again:
                 draft.element(number, number, shape, [cells[i] for i in ORDERS.get(shape, range(size))], line)
@@ -196,38 +306,6 @@ def _entities(draft: Draft, section: list[Row]) -> dict[tuple[int, int], list[in
             physical[dimension, tag] = tags[:size]
     rows.end(sum(counts), sum(counts), "entities")
     return physical
-
-
-def _read_binary(draft: Draft) -> None:
-    """Read a binary mesh with meshio."""
-    try:
-        import meshio
-    except ImportError:
-        raise UnsupportedError("a binary .msh file is read with meshio: pip install 'armflex[fem]'") from None
-    try:
-        mesh: Any = meshio.gmsh.read(draft.path)
-    except Exception as error:  # meshio raises whatever its parsers do
-        text = f"is no gmsh mesh that meshio reads ({type(error).__name__}: {error})"
-        draft.fail(f"{text}: in gmsh Mesh.Binary = 0, Mesh.SaveParametric = 0, Mesh.NbPartitions = 0")
-    for key, place in enumerate(mesh.points):
-        if not np.isfinite(place).all():
-            draft.fail(f"the place of node {key + 1} is not finite")
-        draft.node(key, key + 1, place, 0)
-    names = {(int(tag), int(size)): name for name, (tag, size) in mesh.field_data.items()}
-    tags = mesh.cell_data.get("gmsh:physical", [[0] * len(cells) for cells in mesh.cells])
-    for place, (cells, groups) in enumerate(zip(mesh.cells, tags, strict=True)):
-        if (kind := KINDS.get(cells.type, cells.type)) not in (*SOLIDS, *FLAT):
-            draft.fail(f"elements of the type {kind} are not computed: {NOT_COMPUTED}")
-        first = len(draft.elements)
-        for nodes, tag in zip(cells.data.tolist(), groups, strict=True):
-            key = len(draft.elements)
-            if min(nodes) < 0:
-                draft.fail(f"element {key + 1} names a node that is not there")
-            draft.element(key, key + 1, kind, nodes, 0)
-            if tag:
-                draft.groups.setdefault(names.get((tag, cells.dim), f"group_{tag}"), []).append(key)
-        for name in mesh.field_data.keys() & mesh.cell_sets.keys():  # of more groups than one, meshio's tags have one
-            draft.groups.setdefault(name, []).extend((first + mesh.cell_sets[name][place]).tolist())
 
 
 def mesh_step(path: Path, size: float, order: int = 2) -> Mesh:
