@@ -1,6 +1,7 @@
 """Nastran bulk data: GRID, CTETRA, CHEXA, PSOLID, MAT1, and sets as SET in the case control or as SPC, SPC1.
 
-The cards are read in small, large and free fields. What is neither read nor known not to change a model of solids is refused by name.
+The cards are read in small, large and free fields. What is neither read nor known not to change a model of solids is
+refused by name.
 """
 
 import re

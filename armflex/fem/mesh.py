@@ -47,6 +47,12 @@ UNITS = {"m": (1.0, 1.0, 1.0), "mm": (1e-3, 1e6, 1e12)}
 SHORTEST, LONGEST = 1e-3, 200.0
 """No structure of an arm is shorter or longer [m]."""
 
+LONG = 30.0
+"""Tolerance: a part that is longer [m] is doubted: those of the longest booms are half as long."""
+
+SOFT, INCOMPRESSIBLE = 1e8, 0.45
+"""Tolerance: a solid that is softer [Pa] and has a smaller Poisson's ratio is no rubber: doubted."""
+
 MOST_BYTES = 500_000_000
 """Of a mesh's file."""
 
@@ -59,6 +65,14 @@ MOST_LINES = 10**9
 YOUNG, DENSITY = (1e7, 2e12), (10.0, 3e4)
 """What solids have [Pa, kg/m^3]: rubber to diamond, foam to tungsten."""
 
+
+_LENGTHS = {"mm": 1e-3, "mi": 1e-3, "in": 0.0254, "cm": 0.01, "ce": 0.01}
+_SAID = re.compile(
+    r"(?:\*\*|\$).*\b(?:length|units?)\b\W*(?:length\W*)?(?:(?:are|is|in)\s+)?"
+    r"(mm|millimet\w*|cm|centimet\w*|inch\w*|in(?=\s*(?:[,;]|$))|m|met\w*)\b(?!/)",
+    re.IGNORECASE,
+)
+"""A comment that states the unit of lengths: `** Units: mm, N`; its first two letters tell it."""
 
 _EXPONENT = re.compile(r"(?<=[0-9.])(?:[dDeE]([+-]?)|([+-]))(?=\d+$)")
 
@@ -137,6 +151,11 @@ class Mesh:
     included: tuple[Path, ...] = ()
     unread: Mapping[str, tuple[str, int]] = field(default_factory=dict)
 
+    @property
+    def size(self) -> float:
+        """From corner to corner [m]."""
+        return float(np.linalg.norm(np.ptp(self.points, axis=0))) if len(self.points) else 0.0
+
     def place(self, line: Any) -> Place:
         """Return the file and the line in it."""
         file, line = divmod(int(line), MOST_LINES)
@@ -179,7 +198,7 @@ class Draft:
         materials: Name -> what `Material` has, SI.
         sections: Keys of elements, the material that they are made of, line.
         references: Keys of nodes that may belong to no element, as those do that a set has alone.
-        included, unread: See `Mesh`.
+        included, unread, flags: See `Mesh`.
     """
 
     path: Path
@@ -193,6 +212,7 @@ class Draft:
     references: set = field(default_factory=set)
     included: list[Path] = field(default_factory=list)
     unread: dict[str, tuple[str, int]] = field(default_factory=dict)
+    flags: list[Flag] = field(default_factory=list)
 
     def fail(self, problem: str, line: int = 0) -> NoReturn:
         """Raise the error that names the file and a line."""
@@ -209,7 +229,11 @@ class Draft:
         """Yield the lines of the file or of one that it includes, each with its number."""
         if included := path != self.path:
             self.included.append(path)
-        yield from enumerate(text_lines(path), MOST_LINES * len(self.included) * included + 1)
+        for number, line in enumerate(text_lines(path), 1):
+            if (match := _SAID.match(line)) and UNITS[self.unit][0] != _LENGTHS.get(match[1][:2].lower(), 1.0):
+                text = f"{path}:{number} says {line.strip()[:60]!r}, and the mesh is read in {self.unit}"
+                self.flags.append(Flag("unit", f"{text}: --unit mm, or scale it to m, if that is right"))
+            yield MOST_LINES * len(self.included) * included + number, line
 
     def numbers(self, line: int, cells: Sequence[str], least: int = 1) -> list[float]:
         """Return numbers as Fortran writes them, 0 for empty cells."""
@@ -258,7 +282,7 @@ class Draft:
         Raises:
             MeshError: An element or a section names what is not there, or what makes sets alone has a section.
         """
-        made, rows, flags = {}, {key: row for row, key in enumerate(self.nodes)}, list(flags)
+        made, rows, flags = {}, {key: row for row, key in enumerate(self.nodes)}, [*self.flags, *flags]
         if self.elements and not beyond:
             flags += self._without_references()
             rows = {key: row for row, key in enumerate(self.nodes)}
@@ -353,7 +377,13 @@ def with_material(mesh: Mesh, young: float | None, poisson: float | None, densit
                 other = "is the mesh in mm, N and tonnes (--unit mm)?"
                 other = f"--{name} is in {unit} whatever the mesh's unit" if name in given else other
                 raise mesh.fail(f"{text}: {other}", block.lines[0])
+        if material.young < SOFT and material.poisson < INCOMPRESSIBLE:
+            text = f"{mesh.path}: {named} are as soft as rubber ({material.young:g} Pa): is that in psi, or in MPa?"
+            flags.append(Flag("soft_material", text))
         blocks.append(replace(block, material=material))
+    if (size := mesh.size) > LONG:
+        text = f"{mesh.path}: the mesh is {size:.4g} m from corner to corner: is it in mm (--unit mm)?"
+        flags.append(Flag("long_mesh", text))
     return replace(mesh, blocks=tuple(blocks), flags=tuple(dict.fromkeys(flags)))
 
 
@@ -381,8 +411,7 @@ def interfaces_of(mesh: Mesh, fixed: str, loaded: Sequence[str], whole: bool = T
     names = (fixed, *loaded)
     if not 1 <= len(loaded) <= MOST or len({name.lower() for name in names}) < len(names):
         raise InputError(f"expected one held set and 1 to {MOST} loaded ones, all different, got {listing(names)}")
-    size = float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
-    if not SHORTEST <= size <= LONGEST:
+    if not SHORTEST <= (size := mesh.size) <= LONGEST:
         other = "--unit mm" if size > LONGEST else "--unit m"
         text = f"the mesh is {size:g} m from corner to corner, expected {SHORTEST:g} to {LONGEST:g} m"
         raise UnitError(f"{mesh.path}: {text}: is another unit meant ({other})?")

@@ -54,7 +54,8 @@ def read_msh(path: Path, unit: str = "m") -> Mesh:
         draft.fail("is no gmsh mesh: it has no $MeshFormat")
     if not (version.startswith("2") or version == "4.1"):  # gmsh's own 4.0 says 4
         draft.fail(f"version {version!r} of gmsh's format is not read: in gmsh Mesh.MshFileVersion = 4.1")
-    _take_in(draft, _sections(draft) if binary == "0" else _Binary(draft, start[1]).sections, not version.startswith("2"))
+    sections = _sections(draft) if binary == "0" else _Binary(draft, start[1]).sections
+    _take_in(draft, sections, apart=not version.startswith("2"))
     return draft.mesh()
 
 
@@ -144,7 +145,8 @@ class _Binary:
         size = struct.calcsize(self.order + form)
         if count < 0 or size * count > len(self.data) - self.at:
             name = [*self.sections][-1]
-            self.draft.fail(f"${name} has fewer than the {count} rows of {size} bytes that it states: is the file whole?")
+            text = f"${name} has fewer than the {count} rows of {size} bytes that it states: is the file whole?"
+            self.draft.fail(text)
         start, self.at = self.at, self.at + size * count
         return [*struct.iter_unpack(self.order + form, self.data[start : self.at])]
 
@@ -180,7 +182,8 @@ class _Binary:
         for _ in range(counts[0]):
             (block,) = self.take("3iQ")
             yield from _texts([block])
-            yield from _texts([*self.take("Q", block[3]), *self.take(f"{3 + max(block[0], 0) * bool(block[2])}d", block[3])])
+            width = 3 + max(block[0], 0) * bool(block[2])  # parameters of a curve or a surface beside the place
+            yield from _texts([*self.take("Q", block[3]), *self.take(f"{width}d", block[3])])
 
     def elements_4(self) -> Iterator[str]:
         (counts,) = self.take("4Q")

@@ -80,13 +80,14 @@ def read_bag(path: Path) -> list[SourceTable]:
             elif kind == "TFMessage":
                 for transform in message.transforms:
                     named = f"{transform.header.frame_id}->{transform.child_frame_id}"
-                    places[topic, named, ""].append((_stamp(transform, received), *_placed(transform.transform)))
+                    stamp = _stamp(transform, received)
+                    places[topic, named, ""].append((stamp, received, *_placed(transform.transform)))
             elif kind in POINTS:
                 child = str(getattr(message, "child_frame_id", ""))
                 frame = str(getattr(getattr(message, "header", None), "frame_id", ""))
                 for key in filter(None, POINTS[kind].split(".")):
                     message = getattr(message, key)
-                places[topic, child, frame].append((stamp, *_placed(message)))
+                places[topic, child, frame].append((stamp, received, *_placed(message)))
     except ArmflexError:
         raise
     except Exception as error:  # of a damaged file, from whatever depth
@@ -102,13 +103,18 @@ def read_bag(path: Path) -> list[SourceTable]:
         frames[topic, child].add(frame)
     for (topic, child, frame), rows in places.items():
         values = np.array([row[: min(map(len, rows))] for row in rows])
-        values = values[np.argsort(values[:, 0], kind="stable")]
+        values = values[np.argsort(values[:, 1], kind="stable")]
+        about = notes[:]
+        if (np.diff(values[:, 0]) < -DENSE).any():
+            about.append(f"stamps of {topic} in {path.name} go back: their receipt counts")
+            values[:, 0] = values[:, 1]
+        values = np.delete(values[np.argsort(values[:, 0], kind="stable")], 1, axis=1)
         points = values[np.isfinite(values[:, 1:4]).all(axis=1), 1:4]
         if len(points) and np.ptp(points, axis=0).max() > 0.0:  # a frame that is fixed to another is no target
             head = ("time", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")[: values.shape[1]]
             part = f"{topic} {child}" if "->" in child or len(bodies[topic]) > 1 else topic
             part += f" in {frame or 'no frame'}" if len(frames[topic, child]) > 1 else ""
-            sources.append(recorded(path, part, dict(zip(head, values.T, strict=True)), tuple(notes)))
+            sources.append(recorded(path, part, dict(zip(head, values.T, strict=True)), tuple(about)))
     if not sources:
         cut = f"; {notes[0]}" if notes else ""
         text = f"has no {JOINTS} with positions and no place that moves among its types: {listing(sorted(types))}"

@@ -22,7 +22,7 @@ import numpy as np
 from armflex.conventions import NUMBER, Array
 from armflex.errors import Place, TableError, UnsupportedError, listing, shown
 from armflex.intake.lost import lost
-from armflex.intake.meanings import Meaning, meanings
+from armflex.intake.meanings import INTENDED, Meaning, meanings
 from armflex.intake.sources import NO_READING, SourceTable
 from armflex.intake.streams import FEWEST
 from armflex.measured.points import LENGTHS
@@ -57,10 +57,13 @@ def _values(path: Path, lines: Sequence[int], rows: Sequence[Sequence[str]], at:
     """Return (N, k) numbers of some columns, not a number where nothing was read.
 
     Raises:
-        TableError: A cell is neither.
+        TableError: A cell is neither, or a row ends between those of the columns.
     """
     values = np.full((len(rows), len(at)), np.nan)
     for i, cells in enumerate(rows):
+        if min(at) < len(cells) <= max(at):
+            text = f"ends after {len(cells)} cells, expected {max(at) + 1}: was it cut?"
+            raise TableError(Place(path, lines[i]), text)
         for k, j in enumerate(at):
             cell = cells[j] if j < len(cells) else ""
             if NUMBER.fullmatch(cell):
@@ -82,11 +85,14 @@ def _rows(path: Path) -> list[list[str]]:
     return rows
 
 
-def _whole(path: Path, frames: int, stated: str) -> None:
-    """Raise where a file has fewer frames than its header states."""
-    if stated.isdigit() and frames < int(stated):
-        text = f"has {frames} of the {stated} frames that its header states: copy or export it again"
+def _whole(path: Path, lines: Sequence[int], rows: Sequence[Sequence[str]], width: int, stated: str = "") -> None:
+    """Raise where a file has fewer frames than its header states, or a row more cells than that has columns."""
+    if stated.isdigit() and len(rows) < int(stated):
+        text = f"has {len(rows)} of the {stated} frames that its header states: copy or export it again"
         raise TableError(Place(path), text)
+    for line, cells in zip(lines, rows, strict=True):
+        if any(cells[width:]):
+            raise TableError(Place(path, line), f"has {len(cells)} cells where its header has {width} columns")
 
 
 def read_motive(path: Path) -> list[SourceTable]:
@@ -97,7 +103,7 @@ def read_motive(path: Path) -> list[SourceTable]:
     Raises:
         TableError: It has no such header, is cut, or has neither.
     """
-    rows = [[cell.strip() for cell in row] for row in csv.reader(text_lines(path))]
+    rows = _rows(path)
     head = dict(zip(rows[0][::2], rows[0][1::2], strict=False))
     unit = {"meters": "m", "centimeters": "cm", "millimeters": "mm"}.get(head.get("Length Units", "").lower())
     if unit is None:
@@ -112,7 +118,7 @@ def read_motive(path: Path) -> list[SourceTable]:
     body, width = [rows[i - 1] for i in lines], len(rows[last])
     if short := next((i for i in lines if len(rows[i - 1]) != width), None):
         raise TableError(Place(path, short), f"has another number of cells than the {width} of the header")
-    _whole(path, len(body), head.get("Total Exported Frames", ""))
+    _whole(path, lines, body, width, head.get("Total Exported Frames", ""))
     time, sources = _values(path, lines, body, [1])[:, 0], list[SourceTable]()
     above, axes = rows[last - 1] + [""] * width, [cell.upper() for cell in rows[last]]
     for i in range(2, width - 2):
@@ -154,6 +160,7 @@ def read_vicon(path: Path) -> list[SourceTable]:
             continue
         lines, body = range(i + 6, end + 1), rows[i + 5 : end]
         axes, units = [cell.upper() for cell in top[3]], top[4] + [""] * len(top[3])
+        _whole(path, lines, body, len(axes))
         time = _values(path, lines, body, [0])[:, 0] / rate
         for at in range(2, len(axes) - 2):
             shift = axes[at : at + 3] == ["TX", "TY", "TZ"]
@@ -186,7 +193,6 @@ def read_qualisys(path: Path) -> list[SourceTable]:
     head = {row[0]: row[1:] for row in rows[:first] if row and row[0]}
     lines = [i for i, row in enumerate(rows[first:], first + 1) if any(row)]
     body, names = [rows[i - 1] for i in lines], head.get("MARKER_NAMES") or head.get("BODY_NAMES") or []
-    _whole(path, len(body), "".join(head.get("NO_OF_FRAMES", [])[:1]))
     names = [name for name in names if name]
     titles = rows[first - 1] if first and re.fullmatch(r"(?:frame|time|.*\bx)", rows[first - 1][0].lower()) else []
     places = [i for i in range(len(titles) - 2) if all(titles[i + k].lower().endswith("xyz"[k]) for k in range(3))]
@@ -196,7 +202,9 @@ def read_qualisys(path: Path) -> list[SourceTable]:
         if head.get("DATA_INCLUDED", ["3D"])[0] != "3D" or ahead not in (0, 2):
             text = f"has {width} columns for {len(names)} markers: export 3D data with the column header"
             raise TableError(Place(path, first + 1), text)
-        titles, places = ["frame", "time"][:ahead], [ahead + 3 * i for i in range(len(names))]
+        titles = [*["frame", "time"][:ahead], *[""] * (width - ahead)]
+        places = [ahead + 3 * i for i in range(len(names))]
+    _whole(path, lines, body, len(titles), "".join(head.get("NO_OF_FRAMES", [])[:1]))
     if len(names) != len(places):
         names = [re.sub(r"\W*x$", "", titles[i], flags=re.IGNORECASE) for i in places]
     rate = "".join(head.get("FREQUENCY", [])[:1])
@@ -227,7 +235,7 @@ def read_trc(path: Path) -> list[SourceTable]:
         raise TableError(Place(path, 1), f"{text} (unit {unit!r})")
     lines = [i for i, row in enumerate(rows, 1) if i > 4 and NUMBER.fullmatch(row[0] if row else "")]
     body, sources = [rows[i - 1] for i in lines], list[SourceTable]()
-    _whole(path, len(body), head.get("NumFrames", ""))
+    _whole(path, lines, body, 3 + max(at for at, name in enumerate(rows[3]) if name), head.get("NumFrames", ""))
     time = _values(path, lines, body, [1])[:, 0]
     for at, name in enumerate(rows[3]):
         if at > 1 and name:
@@ -296,7 +304,7 @@ FORMATS = (
 NAMED_AXIS = re.compile(r"(.*?[^\s._:/-])[\s._:/-]*([xyz])(\s*[\[(].*[\])]|_[a-zµ]+)?", re.IGNORECASE)
 NO_PLACE = re.compile(
     r".*(?:rot|orient|quat|angle|euler|vel|acc|speed|force|moment|torque|gyro|mag)\w*"
-    r"|(?:.*[\W_])?(?:[rqdsuv]|nom(?:inal|iell)?|soll\w*|theo(?:r\w*)?|cad|expected|desired|cmd|command(?:ed)?|ref(?:erence)?"
+    rf"|(?:.*[\W_])?(?:[rqdsuv]|{INTENDED}"
     r"|dev(?:iations?)?|abw\w*|delta|diff(?:erence)?|err(?:or)?|res(?:iduals?)?|std(?:dev|ev)?|sd|sigma|unc\w*|rms"
     r"|tol(?:erance)?|min|max|range|scale|size|offset)\W*",
     re.IGNORECASE,
@@ -411,6 +419,8 @@ def read_c3d(path: Path) -> list[SourceTable]:
         size = 2 if float(content["scale"]) > 0.0 else 4
     if not rate > 0.0:
         raise TableError(Place(path), f"POINT:RATE is {rate:g}, expected frames per second")
+    if unit and unit.lower() not in LENGTHS:
+        raise TableError(Place(path), f"POINT:UNITS is {shown(unit)}, expected a unit of length")
     start, in_header = _c3d_header(path)
     frames = points.shape[2]
     stated = max(stated, in_header, frames)

@@ -42,6 +42,7 @@ from armflex.intake.meanings import (
     SINCE_1970,
     STEPS,
     TIME_UNITS,
+    TURN,
     VECTOR,
     Ask,
     Meaning,
@@ -203,6 +204,7 @@ def intake(
             sources += read_sources(path) if Path(path) not in robots else []
         except TableError as error:
             wrong.append(str(error))
+    sources = _gone_on(sources)
     rows_of_arm = next((source for source in sources if is_dh(source)), None)
     sources, arm = [source for source in sources if source is not rows_of_arm], None
     try:
@@ -301,6 +303,39 @@ def intake(
         lines += ["allow_massless = true"] if any(flag.code == "massless" for flag in robot.flags) else []
         return replace(joined, arm=arm_text(lines, robot.tip, joined.declare, bool(points)))
     return joined if rows_of_arm is None or arm is None else _by_dh(joined, rows_of_arm, arm, bool(points))
+
+
+def _gone_on(sources: Sequence[SourceTable]) -> list[SourceTable]:
+    """Return sources in which a part of a recording that goes on in another file is whole, and stands once."""
+    whole = list[SourceTable]()
+    for source in sources:
+        alike = (i for i, other in enumerate(whole) if (other.part, other.header) == (source.part, source.header))
+        recorded = source.header[0] == "time" and all(isinstance(cells, np.ndarray) for cells in source.columns)
+        at = next(alike, None) if source.part and recorded else None
+        if at is None:
+            whole.append(source)
+            continue
+        first, second = sorted((whole[at], source), key=lambda part: part.columns[0][0])
+        pairs = [(numbers(before), numbers(after)) for before, after in zip(first.columns, second.columns, strict=True)]
+        if first.path != second.path and pairs[0][0].max() < pairs[0][1].min():
+            columns = [np.concatenate(pair) for pair in pairs]
+            lines, notes = (*first.lines, *second.lines), (*first.notes, *second.notes)
+            doubts = {**first.doubts, **second.doubts}
+            whole[at] = replace(first, lines=lines, columns=tuple(columns), notes=notes, doubts=doubts)
+        elif not all(np.array_equal(before, after, equal_nan=True) for before, after in pairs):
+            whole.append(source)
+    return whole
+
+
+def _called_alike(sources: Sequence[SourceTable], indices: Sequence[int], chosen: Sequence[str]) -> list[str]:
+    """Return what is wrong where a chosen part of a recording is not the only one of its name."""
+    for name in chosen:
+        several = [sources[i].path for i in indices if sources[i].part == name]
+        if len(several) > 1:
+            files = listing(map(str, dict.fromkeys(several)), FEW)
+            text = f"{len(several)} parts are called {name!r}, and they differ: call each by a name of its own,"
+            return [f"{files}: {text} or make a campaign of each recording and give all to calibrate"]
+    return []
 
 
 def _pointing(paths: Sequence[Path], runs: Sequence[Path], taken: Mapping[str, str], sigma: float | None) -> Intake:
@@ -439,13 +474,13 @@ def _chosen(
         hint = did_you_mean(unknown[0], parts)
         return whole, [f"--target {unknown[0]}: no recording has it{hint} (they have: {listing(parts)})"]
     if targets:
-        return whole + [parts[name] for name in targets], []
+        return whole + [parts[name] for name in targets], _called_alike(sources, points, targets)
     stamped = [name for name in parts if "->" not in name] or list(parts)
     if len(stamped) > 1 and ask is not None:
         stamped = [ask("Which of these is the target?", stamped)]
     if len(stamped) > 1:
         return whole, [f"several could be the target: {listing(stamped)}: --target '{stamped[0]}', one or more times"]
-    return whole + [parts[name] for name in stamped], []
+    return whole + [parts[name] for name in stamped], _called_alike(sources, points, stamped)
 
 
 def _one_log(
@@ -470,6 +505,8 @@ def _one_log(
         part: {meaning.name for meaning in understood[i] if meaning.kind == "joint"} for part, i in parts.items()
     }
     chosen = list(topics) or list(parts)
+    if alike := _called_alike(sources, logs, chosen):
+        return list(sources), list(understood), alike
     for part in chosen:
         rivals = [other for other in chosen if of_topic[other] & of_topic[part]]
         if len(rivals) > 1 and ask is not None and not topics:
@@ -543,9 +580,18 @@ def _standing(
         return sources, []
     first = log if log in clocks else exports[0]
     values, unit = moved[first]
+    read = clocks[first][np.isfinite(values).all(axis=1)]
+    before, after = (read.min() - clocks[first].min(), clocks[first].max() - read.max()) if len(read) else (0.0, 0.0)
+    if max(before, after) > STANDS:
+        text = f"{sources[first].title} lacks a joint in its first {before:.4g} s and its last {after:.4g} s"
+        notes.append(f"{text}: no row is of then")
     spans = dwells(clocks[first], values, unit)
     within = [(clocks[first] >= start) & (clocks[first] <= end) for start, end in spans]
-    spans = spans[[bool(np.isfinite(values[rows]).any(axis=0).all()) for rows in within]] if within else spans
+    there = np.array([np.isfinite(values[rows]).any(axis=0).all() for rows in within], dtype=bool)
+    if not there.all() and there.any():
+        text = f"{len(spans) - np.count_nonzero(there)} more stands, the first at {spans[there.argmin(), 0]:.4g} s,"
+        notes.append(f"{text} are left out: some joint has no position there")
+    spans = spans[there]
     if not len(spans):
         text = f"nothing stands still for {STANDS:g} s in it, whose rows are {_step(clocks[first])}"
         raise InputError(f"{sources[first].path}: {text}: a campaign stops for a second at each pose")
@@ -851,7 +897,8 @@ def _settled(
             twice = [other.column for other in named if other.name == one]
             if len(twice) > 1:
                 wrong.append(
-                    f"{source.path}: columns {listing(map(repr, twice))} are all {_words(named[0])}: --take one"
+                    f"{source.path}: columns {listing(map(repr, twice))} are all"
+                    f" {_words(next(name for name in named if name.name == one))}: --take one"
                 )
     sampled = False  # so that a row is of one topic among several
     if not wrong and any(meaning.kind in ("joint", "coordinate") for meaning in settled):
@@ -861,11 +908,11 @@ def _settled(
         time = times(source, settled) if not wrong else None
         sampled = time is not None and is_dense(spread(time), values, unit)
     for one, cells in zip(settled, source.columns, strict=True):
-        if one.kind in ("joint", "coordinate", "time"):
+        if one.kind in ("joint", "coordinate", "turn", "time"):
             values = numbers(cells)
             bad = np.abs(values) > LARGEST
             if one.kind != "time" and not isinstance(cells, np.ndarray):
-                blank = one.kind == "coordinate" or sampled
+                blank = one.kind in ("coordinate", "turn") or sampled
                 bad |= [not (NUMBER.fullmatch(cell) or (blank and NO_READING.fullmatch(cell))) for cell in cells]
             if one.kind == "joint" and not (source.part or sampled):
                 bad |= np.isnan(values)
@@ -925,11 +972,12 @@ def _unknown_unit(source: SourceTable, meaning: Meaning) -> str:
 
 
 def _implausible(source: SourceTable, meaning: Meaning, values: Array) -> list[str]:
-    """Return what is wrong with (N,) numbers of a joint or a coordinate that no arm reaches, by line and column."""
-    turns = meaning.kind == "joint" and meaning.unit in ANGLE_UNITS
-    factor = (LENGTHS | ANGLE_UNITS if meaning.kind == "joint" else LENGTHS)[meaning.unit or ""]
+    """Return what is wrong with (N,) numbers of a joint, a place or a turn that no arm reaches, by line and column."""
+    turns = meaning.kind != "coordinate" and meaning.unit in ANGLE_UNITS
+    factor = (LENGTHS if meaning.kind == "coordinate" else LENGTHS | ANGLE_UNITS)[meaning.unit or ""]
     size = np.abs(values) * factor
-    beyond = size > (2.0 * np.pi * MOST_TURNS if turns else MOST_METRES)
+    most = TURN if meaning.kind == "turn" else 2.0 * np.pi * MOST_TURNS
+    beyond = size > (most if turns else MOST_METRES)
     if not beyond.any():
         read = factor * values[np.isfinite(values)]
         moves = 0.0 if turns or not len(read) else float(np.diff(np.quantile(read, [0.1, 0.9]))[0])

@@ -168,6 +168,9 @@ TURN_OF = re.compile(r"(?P<stem>.*?)[ _.\-/]*(?P<axis>[wxyz0-4])")
 
 QUATERNIONS = {"wxyz": "wxyz", "0xyz": "wxyz", "0123": "wxyz"}
 """Axes of columns that are w x y z; that of 1234 is not said."""
+INTENDED = r"nom(?:inal|iell)?|soll\w*|theo(?:r\w*)?|cad|expected|desired|cmd|command(?:ed)?|ref(?:erence)?"
+"""What stands beside the name of what was to be, and is not measured."""
+OF_INTENDED = re.compile(rf"(?:.*[\W_])?(?:{INTENDED})(?:[\W_].*)?")
 PARAMETERS = re.compile(r"[qe][ _.]?")
 """Before 0123 where they are w x y z: those of another name are places in a list."""
 
@@ -424,7 +427,7 @@ def _turned(source: SourceTable, meant: Sequence[Meaning]) -> list[Meaning]:
     gone = lost(np.column_stack([numbers(cells) for cells in places]))
     for stem, group in groups.items() if not any(meaning.kind == "turn" for meaning in meant) else ():
         axes = "".join(sorted(group, key="w01234xyz".index))
-        if axes not in (*QUATERNIONS, "1234"):
+        if axes not in (*QUATERNIONS, "1234") or OF_INTENDED.fullmatch(stem):
             continue
         names = QUATERNIONS.get(axes, "    ") if axes != "0123" or PARAMETERS.fullmatch(stem) else "    "
         sizes = np.sqrt(sum(numbers(source.columns[i]) ** 2 for i in group.values()))

@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 from lxml import etree
 
-from armflex.conventions import LARGEST
+from armflex.conventions import LARGEST, STANDARD_GRAVITY
 from armflex.errors import Flag, Place, UrdfError, listing
 from armflex.robot import xacro_process
 from armflex.robot.tree import FileTree, rotation_of
@@ -191,8 +191,8 @@ def _read_mjcf(path: Path, root: etree._Element, declares: bool) -> Urdf:
         text = f"joint {joints[j]!r} has a spring of {float(model.jnt_stiffness[j]):g} beside its drive"
         text = f"{Place(path, lines.get(('joint', joints[j]), 0))}: {text}: it is left out, and bears nothing here"
         tree.flags.append(Flag("joint_spring", text))
-    if root.find("option[@gravity]") is not None:
-        x, y, z = model.opt.gravity.tolist()
+    x, y, z = model.opt.gravity.tolist()
+    if root.find("option[@gravity]") is not None or (x, y, z) != (0.0, 0.0, -STANDARD_GRAVITY):  # of an included file
         tree.gravity = (x, y, z)
     return tree.robot(root.get("model") or path.stem)
 

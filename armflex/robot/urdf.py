@@ -45,6 +45,9 @@ CHILDREN: dict[str, frozenset[str]] = {
 }
 """Which tags are meant where; anything else is misplaced."""
 
+LEAVES = frozenset({"parent", "child", "origin", "axis", "limit", "mimic", "mass", "inertia"})
+"""Tags that have attributes alone: what they hold would be lost."""
+
 ATTRIBUTES = {
     "origin": ("xyz", "rpy"),
     "inertia": ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"),
@@ -377,6 +380,8 @@ class Reader:
         for child in kept:
             if child.tag not in allowed | PASSED_OVER:
                 self._refuse_tag(element, child, allowed)
+            for inner in child.iterchildren("*") if child.tag in LEAVES else ():
+                self._refuse_tag(child, inner, frozenset())
         return [child for child in kept if child.tag in allowed]
 
     def _refuse_tag(self, element: etree._Element, child: etree._Element, allowed: frozenset[str]) -> None:

@@ -1,5 +1,6 @@
 """What a mesh's file has beside solids: the harmless is left out, sets are read, all else is named by line."""
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -145,10 +146,17 @@ def test_a_set_of_the_case_control_is_read_as_written(words: str, nodes: list[in
 
 
 def test_held_nodes_and_fields_are_read_in_every_form(tmp_path: Path) -> None:
-    mesh = nastran(tmp_path, "SPC,1,1,123,0.0,2,123\nSPC,1,3,123\nSPC1,2,3,4,THRU,6\nSPCADD,3,1,2\nSPC1,4,123,1001")
+    mesh = nastran(
+        tmp_path, "SPC,1,1,123,0.0,2,123\nSPC,1,3,123\nSPC1,2,123456,4,THRU,6\nSPCADD,3,1,2\nSPC1,4,123,1001"
+    )
     assert numbers(mesh, "SPC1") == [1, 2, 3] and numbers(mesh, "SPC3") == [1, 2, 3, 4, 5, 6]
     with pytest.raises(armflex.InputError, match="set 'SPC4' names node 1001"):
         mesh.nodes_of("SPC4")
+    mesh = nastran(tmp_path, "SPC1,1,13,1,2\nSPC,1,1,2,,2,2\nSPC1,2,123,3\nSPC1,2,2,4\nSPCADD,3,1,2")
+    assert numbers(mesh, "SPC1") == [1, 2]
+    for name in ("SPC2", "SPC3"):  # a plane of symmetry
+        with pytest.raises(armflex.InputError, match=rf"b\.bdf:{BULK + 3}: set '{name}' holds node 4 in 2 alone"):
+            mesh.nodes_of(name)
     text = NASTRAN.format(bulk="SPC1\t1\t123\t1\t2\t3\t4", control="")
     text = text.replace("GRID,1,,0,0,0\n", "GRID*,1,,0.0,0.0,*\n*,0.0\n").replace(
         "GRID,2,,0.1,0,0\n", "GRID\t2\t\t0.10000000001\t0\t0\n"
@@ -282,6 +290,33 @@ def test_what_stands_twice_in_an_input_file_is_the_same_or_refused(again: str, p
     assert block.material is not None and block.material.density == 7850.0
     with pytest.raises(armflex.InputError, match=rf"b\.inp:{problem}"):
         abaqus(tmp_path, again)
+
+
+def test_two_constants_of_a_material_are_enough_and_corners_have_no_gaps(tmp_path: Path) -> None:
+    text = NASTRAN.format(bulk="", control="")
+    for constants in ("2.1+11,,0.3", "2.1+11,8.0769230769+10,", ",8.0769230769+10,0.3"):
+        (tmp_path / "b.bdf").write_text(text.replace("2.1+11,,0.3", constants))
+        material = read_mesh(tmp_path / "b.bdf").blocks[0].material
+        assert material is not None
+        np.testing.assert_allclose([material.young, material.poisson], [2.1e11, 0.3], rtol=1e-9)
+    (tmp_path / "b.bdf").write_text(text.replace(",7,8\n", ",7,,8\n"))
+    with pytest.raises(armflex.InputError, match=r"b\.bdf:13: CHEXA 101 has 8 nodes and gaps between them"):
+        read_mesh(tmp_path / "b.bdf")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "code"),
+    [
+        ("*NODE", "** Units: mm, N, tonne\n*NODE", "unit"),
+        ("*NODE", "** LENGTH UNIT = inch\n*NODE", "unit"),
+        ("0.1", "70.", "long_mesh"),
+        ("2.1e11", "3.0e7", "soft_material"),
+        ("*NODE", "** Units: m, N, kg\n** units in question, and units of mm/s\n*NODE", None),
+        ("2.1e11, 0.3", "3.0e7, 0.48", None),
+    ],
+)
+def test_another_unit_is_doubted(old: str, new: str, code: str | None, tmp_path: Path) -> None:
+    assert [flag.code for flag in abaqus(tmp_path, text=ABAQUS.replace(old, new)).flags] == [code] * bool(code)
 
 
 def test_a_system_moves_the_nodes_after_it(tmp_path: Path) -> None:
@@ -423,3 +458,60 @@ def test_an_element_of_several_groups_stands_once_for_each(tmp_path: Path) -> No
     mesh = gmsh(tmp_path, twice)
     assert len(mesh.blocks[0].ids) == 1 and numbers(mesh, "group_7") == numbers(mesh, "BODY") == [*range(1, 9)]
     assert len(gmsh(tmp_path, twice.replace("3 5 2 7 1", "3 5 2 2 1")).blocks[0].ids) == 2
+
+
+def binary(version: str, order: str, number: int = 1) -> bytes:
+    """What `TEXTS` has, nodes counted by a `number`, as gmsh writes it with Mesh.Binary = 1."""
+
+    def pack(form: str, *values: float) -> bytes:
+        return struct.pack(order + form, *values)
+
+    face, brick = ([number * int(n) for n in nodes.split()] for nodes in ("1 2 4 3", BRICK))
+    names = TEXTS[version].partition("$EndMeshFormat\n")[2].partition("$EndPhysicalNames")[0].encode()
+    head = f"$MeshFormat\n{version} 1 8\n".encode() + pack("i", 1) + b"\n$EndMeshFormat\n" + names
+    head += b"$EndPhysicalNames\n"
+    ids = [number * n for n in range(1, 9)]
+    if version == "2.2":
+        nodes = b"8\n" + b"".join(pack("i3d", n, *at) for n, at in zip(ids, POINTS, strict=True))
+        elements = b"2\n" + pack("3i", 3, 1, 2) + pack("7i", 1, 1, 1, *face) + pack("3i", 5, 1, 2)
+        elements += pack("11i", 2, 2, 1, *brick)
+    else:
+        entities = b"".join(pack("i6dQiQ", 1, *[0.0] * 3, *[1.0] * 3, 1, tag, 0) for tag in (1, 2))
+        head += b"$Entities\n" + pack("4Q", 0, 0, 1, 1) + entities + b"\n$EndEntities\n"
+        nodes = pack("4Q", 1, 8, 1, 8 * number) + pack("3iQ", 3, 1, 0, 8) + pack("8Q", *ids)
+        nodes += pack("24d", *np.ravel(POINTS))
+        elements = pack("4Q", 2, 2, 1, 2) + pack("3iQ", 2, 1, 3, 1) + pack("5Q", 1, *face)
+        elements += pack("3iQ", 3, 1, 5, 1) + pack("9Q", 2, *brick)
+    return head + b"$Nodes\n" + nodes + b"\n$EndNodes\n$Elements\n" + elements + b"\n$EndElements\n"
+
+
+@pytest.mark.parametrize("version", TEXTS)
+@pytest.mark.parametrize("order", "<>")
+def test_a_binary_mesh_of_gmsh_is_judged_as_its_text(version: str, order: str, tmp_path: Path) -> None:
+    def read(data: bytes) -> Mesh:
+        (tmp_path / "b.msh").write_bytes(data)
+        return read_mesh(tmp_path / "b.msh", young=2.1e11, poisson=0.3)
+
+    results = b'$NodeData\n1\n"u"\n1\n0.0\n3\n0\n1\n1\n' + bytes(12) + b"\n$EndNodeData\n"
+    for number, after in ((1, b""), (10, results)):
+        mesh, text = read(binary(version, order, number) + after), gmsh(tmp_path, TEXTS[version])
+        assert mesh.ids.tolist() == [number * n for n in text.ids] and mesh.points.tolist() == text.points.tolist()
+        assert [block.nodes.tolist() for block in mesh.blocks] == [block.nodes.tolist() for block in text.blocks]
+        assert mesh.sets.keys() == text.sets.keys() and numbers(mesh, "foot end") == [number * n for n in (1, 2, 3, 4)]
+    good = binary(version, order)
+    start, end = good.index(b"$Elements"), len(b"\n$EndElements\n")
+    width = 11 * 4 if version == "2.2" else 9 * 8
+    brick = good[-end - width - 12 : -end]
+    for spoilt, problem in (
+        (good[:-end] + brick + good[-end:], "does not end with .EndElements after what its counts state"),
+        (good.replace(b"$Elements\n2\n", b"$Elements\n3\n"), "2 rows where 3 elements")
+        if version == "2.2"
+        else (good.replace(struct.pack(f"{order}4Q", 2, 2, 1, 2), struct.pack(f"{order}4Q", 2, 3, 1, 2)), "states 3"),
+        (good[:-60], r"has fewer than the 1 rows of \d+ bytes that it states"),
+        (good[: 1 - end], "does not end with .EndElements"),
+        (good + good[start:], "stands twice"),
+        (good.replace(b"$Nodes", b"$Nonsense"), "no section of a gmsh mesh is called .Nonsense"),
+        (good.replace(b" 1 8\n", b" 1 4\n"), "numbers of 4 bytes"),
+    ):
+        with pytest.raises(armflex.InputError, match=rf"b\.msh: .*{problem}"):
+            read(spoilt)

@@ -500,6 +500,26 @@ def test_deviations_and_nominal_places_are_no_readings(tmp_path: Path, base: str
     assert np.allclose(np.array([found.columns[axis] for axis in "xyz"]).T, 1e-3 * XYZ, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("heads", "cells", "problem"),
+    [
+        ("roll_rad,pitch_rad,yaw_rad", "0.1,57.3,0.2", r":2: 'pitch_rad' is 57\.3 rad, 9\.12 turns"),
+        ("qx,qy,qz,qw", "0,0,0,one", r":2: 'qw' is 'one', expected a number"),
+        ("nom_qx,nom_qy,nom_qz,nom_qw", "0,0,0.6,0.8", ": --sigma-r, and no orientation is read"),
+    ],
+)
+def test_turns_that_are_none_are_refused(tmp_path: Path, heads: str, cells: str, problem: str) -> None:
+    paths = spelt(tmp_path, [f"J{i}" for i in range(1, 7)])
+    rows = [
+        [name, *place, "0,0,0.6,0.8" if heads[0] != "r" else "0,0,0.1"] for name, place in zip(NAMES, XYZ, strict=True)
+    ]
+    rows[0][-1] = cells
+    text = [f"name,X [mm],Y [mm],Z [mm],{heads}", *(",".join(map(str, row)) for row in rows)]
+    paths[1].write_text("\n".join(text) + "\n")
+    with pytest.raises(InputError, match=rf"{paths[1].name}{problem}"):
+        intake(paths, 5e-5, sigma_r=5e-4)
+
+
 def test_places_in_two_frames_are_no_campaign(tmp_path: Path) -> None:
     paths = spelt(tmp_path, [f"J{i}" for i in range(1, 7)])
     frames = ["base" if i < 3 else "tracker" for i in range(len(NAMES))]

@@ -1,6 +1,7 @@
 """`intake` of lost targets and coarse clocks, of the joints of bags, and of files that were cut."""
 
 import json
+import re
 import shutil
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -296,6 +297,39 @@ def test_exports_of_motion_captures(tmp_path: Path, write: Callable, targets: tu
     fits(intake([log(tmp_path), write(tmp_path)], 5e-5, targets=targets))
 
 
+@pytest.mark.parametrize(
+    ("write", "spoil", "problem"),
+    [
+        (vicon, lambda row: row.replace(",0,", ",0,0.5,"), "has 10 cells where its header has 9 columns"),
+        (vicon, lambda row: row[: row.rindex(",")], "ends after 8 cells, expected 9: was it cut"),
+        (lambda folder: qualisys(folder, True), lambda row: row[: row.rindex("\t")], "ends after 4 cells, expected 5"),
+        (lambda folder: qualisys(folder, False), lambda row: f"1.0\t{row}", "has 4 cells where its header has 3"),
+        (trc, lambda row: row[: row.rindex("\t")], "ends after 4 cells, expected 5"),
+        (trc, lambda row: f"{row}\t7.0", "has 6 cells where its header has 5 columns"),
+    ],
+)
+def test_a_row_of_another_width_is_of_no_frame(
+    tmp_path: Path, write: Callable, spoil: Callable[[str], str], problem: str
+) -> None:
+    path = write(tmp_path)
+    rows = path.read_text().splitlines()
+    rows[299] = spoil(rows[299])
+    path.write_text("\n".join(rows))
+    with pytest.raises(InputError, match=rf"{path.name}:300: {problem}"):
+        intake([log(tmp_path), path], 5e-5)
+
+
+def test_two_targets_of_one_name_are_not_one(tmp_path: Path) -> None:
+    """The later was taken; what stands twice as it is is one."""
+    path = columns(tmp_path)
+    path.write_text(path.read_text().replace("m2", "m1"))
+    with pytest.raises(InputError, match=r"export\.csv: 2 parts are called 'm1', and they differ"):
+        intake([log(tmp_path), path], 5e-5)
+    objects = vicon(tmp_path).read_text()
+    path.write_text(f"{objects}\n\n{objects}")
+    fits(intake([log(tmp_path), path], 5e-5))
+
+
 def test_frames_without_a_clock_are_refused(tmp_path: Path) -> None:
     rows = [f"tool,{i},Port:1,0,OK,1,0,0,0,{x},{y},{z},0.2,3" for i, (x, y, z) in enumerate(MM)]
     head = "ToolInfo,Frame#,PortHandle,Face#,TransformStatus,Q0,Qx,Qy,Qz,Tx,Ty,Tz,Error,#Markers"
@@ -309,10 +343,13 @@ def recorded(
     cut: float = 1.0,
     stamps: Sequence[float] = (),
     frames: Sequence[str] = (),
+    seen: Sequence[float] = (),
+    kept: tuple[float, float] = (0.0, np.inf),
 ) -> Path:
     """An MCAP file of joint states (topic, time, names, positions) and of the target, in one frame after another.
 
-    Joints have `stamps` in their headers where they are given.
+    Joints have `stamps` in their headers where they are given, the target `seen` beside a frame; it is `kept` between
+    two times.
     """
     from mcap.writer import CompressionType, Writer
 
@@ -323,7 +360,9 @@ def recorded(
         content: dict = {"position": dict(zip("xyz", at.tolist(), strict=True))}
         if frames:
             content = {"pose": content, "header": {"frame_id": frames[len(frames) * i // len(TT)]}}
-        messages.append((t, "/prism", content))
+        if seen:
+            content["header"]["stamp"] = {"sec": int(seen[i]), "nanosec": int(1e9 * (seen[i] % 1))}
+        messages += [(t, "/prism", content)] if kept[0] <= t < kept[1] else []
     path = folder / "one.mcap"
     with path.open("wb") as file:
         writer = Writer(file, chunk_size=1 << 16, compression=CompressionType.ZSTD)
@@ -369,6 +408,34 @@ def test_stamps_that_go_back_are_of_no_clock(tmp_path: Path) -> None:
     found = intake([recorded(tmp_path, ARM, stamps=stamps)], 5e-5)
     fits(found)
     assert any("their receipt counts" in note for note in found.notes)
+
+
+def test_stamps_of_a_target_that_go_back_are_of_no_clock(tmp_path: Path) -> None:
+    stamps = [t if t < TT[-1] / 2 else t - TT[-1] / 2 for t in TT.tolist()]
+    found = intake([recorded(tmp_path, ARM, frames=("tracker",), seen=stamps)], 5e-5)
+    fits(found)
+    assert any("stamps of /prism in one.mcap go back: their receipt counts" in note for note in found.notes)
+
+
+def test_a_recording_in_several_files_is_whole(tmp_path: Path) -> None:
+    """Only the last file was used."""
+    half = float(T[-1]) / 2.0
+    folders = [tmp_path / name for name in "ba"]
+    for folder, kept in zip(folders, ((0.0, half), (half, np.inf)), strict=True):
+        folder.mkdir()
+        recorded(folder, [row for row in ARM if kept[0] <= row[1] < kept[1]], kept=kept)
+    fits(intake([folder / "one.mcap" for folder in reversed(folders)], 5e-5))
+    recorded(folders[1], ARM)
+    with pytest.raises(InputError, match="2 parts are called '/joint_states', and they differ: .* a campaign of each"):
+        intake([folder / "one.mcap" for folder in folders], 5e-5)
+
+
+def test_a_joint_that_comes_late_is_said(tmp_path: Path) -> None:
+    late = [row if row[1] > 12.0 else (*row[:2], row[2][:2], row[3][:2]) for row in ARM]
+    found = intake([recorded(tmp_path, late)], 5e-5)
+    assert len(found.lines) < len(POSES)
+    said = next(note for note in found.notes if "lacks a joint in its first" in note)
+    assert re.search(r"one\.mcap /joint_states lacks a joint in its first 12\.?\d* s and its last 0 s: no row", said)
 
 
 def test_joints_that_jump_by_a_turn_are_on_their_branch(tmp_path: Path) -> None:

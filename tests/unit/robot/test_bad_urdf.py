@@ -124,6 +124,12 @@ EDITS: dict[str, tuple[str, str, tuple[str, ...], str]] = {
         ("'elbow'", "did you mean 'fore'?"),
         ELBOW,
     ),
+    "row04-origin-in-the-axis": (
+        ELBOW_AXIS,
+        '<axis xyz="0 0 1"><origin xyz="1 0 0"/></axis>',
+        ("<origin> is not known inside <axis>", "it belongs inside <joint>"),
+        '<axis xyz="0 0 1"><origin',
+    ),
     "row04-joint-without-parent": ('<parent link="upper"/>', "", ("'elbow'", "<parent>"), ELBOW),
     "row04-joint-type": (
         ELBOW,
