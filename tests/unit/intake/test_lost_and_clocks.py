@@ -426,7 +426,7 @@ def test_a_recording_in_several_files_is_whole(tmp_path: Path) -> None:
         recorded(folder, [row for row in ARM if kept[0] <= row[1] < kept[1]], kept=kept)
     fits(intake([folder / "one.mcap" for folder in reversed(folders)], 5e-5))
     recorded(folders[1], ARM)
-    with pytest.raises(InputError, match="2 parts are called '/joint_states', and they differ: .* a campaign of each"):
+    with pytest.raises(InputError, match=r"2 parts are called '/joint_states', .*: .* a campaign of each"):
         intake([folder / "one.mcap" for folder in folders], 5e-5)
 
 
