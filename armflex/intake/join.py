@@ -879,14 +879,16 @@ def _settled(
             wrong.append(unknown)
             one = replace(one, unit="")
         elif (
-            one.kind == "coordinate"
-            and one.unit
+            (units := LENGTHS if one.kind == "coordinate" else ANGLE_UNITS)
+            and one.kind in ("coordinate", "joint")
+            and one.unit in units
             and one.why != "as asked"
-            and (others := stated(source))
-            and not any(np.isclose(LENGTHS[one.unit], LENGTHS[other]) for other in others)
+            and (others := stated(source, units))
+            and not any(np.isclose(units[one.unit], units[other]) for other in others)
         ):
             text = f"{source.path}: {one.column!r} is in {one.unit}, and the file's head says {listing(others)}:"
-            wrong.append(f"{text} --take '{one.column}={one.name}_{one.unit}' if it is")
+            base = f"q_{one.name}" if one.kind == "joint" else one.name
+            wrong.append(f"{text} --take '{one.column}={base}_{one.unit}' if it is")
         settled.append(one)
     for name in dict.fromkeys(source.header):
         if source.header.count(name) > 1:

@@ -74,6 +74,10 @@ PLACED = rf"(?:{PLACED_WORD}[ _])?"
 
 PART_OF_TURN = re.compile(r"q[ .]?\d", re.IGNORECASE)
 
+WITHIN = r"\bin(?= (?:mm|met|mill|deg|rad|mrad|gon)\w*\b(?!\s*/))"
+OF_SPEED = re.compile(r"/\s*s|veloc|speed|accel|orient|\btool|\btcp|rotation", re.IGNORECASE)
+"""In a comment whose unit is of something else than places and joints."""
+
 RECORDED = "position."
 """Before a joint's name in a column of a recording."""
 
@@ -298,7 +302,12 @@ def meanings(
         if meaning.kind == "joint" and meaning.unit is None and meaning.name not in slides and meaning.why != OUTER
         if np.isfinite(values := numbers(cells)).any()
     ]
-    if sizes and TURN < max(sizes) <= np.degrees(TURN):  # beyond a turn in degrees it is neither
+    angles = stated(source, ANGLE_UNITS)
+    if len(angles) == 1 and max(sizes, default=0.0) * ANGLE_UNITS[angles[0]] <= TURN:
+        meant = [replace(one, unit=angles[0], why="a comment")
+                 if one.kind in ("joint", "turn") and one.unit is None and one.name not in slides and one.why != OUTER
+                 else one for one in meant]  # fmt: skip
+    elif sizes and TURN < max(sizes) <= np.degrees(TURN):  # beyond a turn in degrees it is neither
         why = f"a value of {max(sizes):.4g} is no angle in rad"
         meant = [
             replace(meaning, unit="deg", why=why)
@@ -445,16 +454,17 @@ def _turned(source: SourceTable, meant: Sequence[Meaning]) -> list[Meaning]:
     return settled
 
 
-def stated(source: SourceTable) -> list[str]:
-    """Return the units of length that comments and titles of a file state, each once: one, or they contradict."""
+def stated(source: SourceTable, known: Mapping[str, float] = LENGTHS) -> list[str]:
+    """Return the known units that comments and titles of a file state, each once: one, or they contradict."""
     units: dict[float, str] = {}
-    for unit in filter(None, map(_unit_of_comment, source.comments)):
-        units.setdefault(LENGTHS[unit], unit)
+    for unit in filter(None, (_unit_of_comment(text, known) for text in source.comments)):
+        units.setdefault(known[unit], unit)
     return list(units.values())
 
 
-def _unit_of_comment(text: str) -> str | None:
-    """Return the length unit that a comment or a title states: 'Units: Millimeters', 'Einheiten;mm', 'all in mm'."""
-    words = r"(?:units?|einheit(?:en)?|unit[eé]s?)\b(?:[^:=]*[:=])?|\blength\b[^:=]*[:=]|\bin(?= (?:mm|met|mill))"
-    units = (match[1].lower() for match in re.finditer(rf"(?:{words})\W*([^\W\d_]+)", text, re.IGNORECASE))
-    return next((unit for unit in units if unit in LENGTHS), None)
+def _unit_of_comment(text: str, known: Mapping[str, float]) -> str | None:
+    """Return the unit that a comment or a title states: 'Units: Millimeters', 'Einheiten;mm', 'all in mm'."""
+    words = rf"(?:units?|einheit(?:en)?|unit[eé]s?)\b(?:[^:=]*[:=])?|\b(?:length|angles?)\b[^:=]*[:=]|{WITHIN}"
+    listed = (match[1].lower() for match in re.finditer(rf"(?:{words})\W*([^\W\d_]+(?:[,; ]+[^\W\d_]+)?)", text, re.I))
+    units = (unit for several in listed for unit in re.split(r"[,; ]+", several)) if not OF_SPEED.search(text) else ()
+    return next((unit for unit in units if unit in known), None)

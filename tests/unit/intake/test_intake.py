@@ -238,6 +238,36 @@ def test_a_title_may_state_the_unit(tmp_path: Path, title: str) -> None:
     assert np.allclose(found.columns["x"], 1e-3 * XYZ[:, 0])
 
 
+@pytest.mark.parametrize(
+    ("title", "unit", "factor", "head"),
+    [
+        ("# joint angles in gon", "gon", 200.0 / np.pi, ""),
+        ("# Units: mm, rad", "rad", 1.0, ""),
+        ("# all in mrad", "mrad", 1e3, ""),
+        ("# joint speeds in rad/s", "deg", 180.0 / np.pi, ""),
+        ("# tool's orientation in rad", "deg", 180.0 / np.pi, " [deg]"),
+        ("# joint angles in rad", None, 1.0, " [deg]"),
+        ("# joint angles in rad", None, 180.0 / np.pi, ""),
+    ],
+)
+def test_a_comment_may_state_the_unit_of_joints(
+    tmp_path: Path, title: str, unit: str | None, factor: float, head: str
+) -> None:
+    """The guess was degrees, whatever the comment said."""
+    paths = spelt(tmp_path, [f"J{i}" for i in range(1, 7)])
+    angles = np.linspace(-2.0, 2.0, 6 * len(NAMES)).reshape(-1, 6)
+    rows = [",".join(map(str, [name, *row])) for name, row in zip(NAMES, factor * angles, strict=True)]
+    heads = ",".join(f"J{i}{head}" for i in range(1, 7))
+    paths[0].write_text("\n".join([title, f"pose,{heads}", *rows]) + "\n")
+    if unit is None:
+        with pytest.raises(InputError, match="is in deg, and the file's head says rad: --take 'J1"):
+            intake(paths, 5e-5)
+        return
+    found = intake(paths, 5e-5)
+    assert {taken[3] for taken in found.taken if taken[2].startswith("joint")} == {unit}
+    assert np.allclose(np.array([found.columns[f"q_J{i}"] for i in range(1, 7)]).T, angles, atol=1e-9)
+
+
 def test_days_beside_clocks_and_stamps_in_wide_exports(tmp_path: Path) -> None:
     """A log has day and time in two columns, and an export more texts than numbers; an open unit is asked for once."""
     days = ["12.03.2024"] * 4 + ["13.03.2024"] * 2
