@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from armflex.conventions import LARGEST, NUMBER, Array
+from armflex.conventions import LARGEST, NUMBER, Array, in_mm
 from armflex.errors import (
     FEW,
     InputError,
@@ -88,6 +88,9 @@ MOST_TURNS = 10.0
 
 MOST_METRES = 1e4
 """No place is further from where it is measured [m]: a total station reaches 3.5 km."""
+
+ONE_TARGET = 5e-3
+"""Tolerance: places of one name in two exports that are nearer [m] are of one target: a sphere of one is wider."""
 
 MOST_MOTION = 200.0
 """No arm moves a target over more [m]: no structure of one is longer."""
@@ -705,9 +708,20 @@ def _campaign(
             label = target if len(points) < 2 else str(len(placed) + 1)
             if i != log_at and row_of is next(iter(pairs.values())):
                 exported.append((i, row_of))
-            if not placed and (four := _turns(export, understood[i])) is not None:
-                turned = np.where((row_of >= 0)[:, None], four[row_of], np.nan)
-            placed[label] = np.where((row_of >= 0)[:, None], xyz[row_of], np.nan)
+            places = np.where((row_of >= 0)[:, None], xyz[row_of], np.nan)
+            whole = i == log_at or export.part or len(pairs) > 1
+            before = None if whole else _read_before(placed, places, names, export)
+            if (not placed or before == next(iter(placed))) and (four := _turns(export, understood[i])) is not None:
+                others = turned if len(turned) else np.full((len(names), 4), np.nan)
+                turned = np.where((row_of >= 0)[:, None], four[row_of], others)
+            if before is not None:
+                places = np.where(np.isfinite(places), places, placed[before])
+                empty = [name for name, place in zip(names, places, strict=True) if not np.isfinite(place).all()]
+                notes = [note for note in notes if not note.endswith("rows stay empty")]
+                notes.append(f"{export.path.name} goes on with the target of the export before it")
+                text = f"{listing(empty, 5)} without a point: {len(empty)} of {len(names)} rows stay empty"
+                notes += [text] if empty else []
+            placed[label if before is None else before] = places
     path = not points and not pictures and not any(meaning.kind == "picture" for meaning in of_log)
     columns: dict[str, Sequence[Any]] = {"via" if path else "pose": names}
     for meaning in of_log:
@@ -779,6 +793,24 @@ def _campaign(
     )
     how = listing(dict.fromkeys(hows)) if hows else "to nothing: each is a via-point"
     return Intake(columns, table, how, declare, tuple(notes), log.lines, log.path)
+
+
+def _read_before(placed: Mapping[str, Array], places: Array, names: Sequence[str], export: SourceTable) -> str | None:
+    """Return which target an export reads on: one that has no other place in any row, None where that is none.
+
+    Raises:
+        TableError: Its places are another reading of those of a target.
+    """
+    for target, before in placed.items():
+        apart = np.linalg.norm(places - before, axis=1)
+        both = np.isfinite(apart)
+        if not apart[both].any():
+            return target
+        if apart[both].max() < ONE_TARGET:
+            row = int(np.nanargmax(apart))
+            text = f"has {names[row]!r}, which another export has {in_mm(apart[row])} from there: leave one out"
+            raise TableError(Place(export.path), text)
+    return None
 
 
 def _unheld(

@@ -68,6 +68,23 @@ def test_two_targets_are_two_instruments(tmp_path: Path) -> None:
     assert "[instrument.target2]" in found.declare
 
 
+def test_an_export_in_two_files_is_one(tmp_path: Path) -> None:
+    """The second was a further target, at half of the rows; one that is read again is neither."""
+    log, export = spelt(tmp_path, [f"J{i}" for i in range(1, 7)])
+    head, *rows = export.read_text().splitlines()
+    for name, kept in (("a", rows[:3]), ("b", rows[3:]), ("all", rows)):
+        (tmp_path / f"{name}.csv").write_text("\n".join([head, *kept]) + "\n")
+    for second in ("b", "all"):
+        found = intake([log, tmp_path / "a.csv", tmp_path / f"{second}.csv"], 5e-5)
+        assert np.allclose(np.array([found.columns[axis] for axis in "xyz"]).T, 1e-3 * XYZ, atol=1e-9)
+        assert "target2_x" not in found.columns
+        assert f"{second}.csv goes on with the target of the export before it" in found.notes
+    name, x, *others = rows[2].split(",")
+    (tmp_path / "b.csv").write_text("\n".join([head, ",".join([name, str(float(x) + 0.1), *others]), *rows[3:]]) + "\n")
+    with pytest.raises(InputError, match=rf"b\.csv: has '{name}', which another export has 0\.1 mm from there"):
+        intake([log, tmp_path / "a.csv", tmp_path / "b.csv"], 5e-5)
+
+
 def test_rows_without_a_point_stay_and_are_said(tmp_path: Path) -> None:
     fewer = "\n".join(EXPORTS["spatialanalyzer"].splitlines()[:-1])
     found = intake(written(tmp_path, LOGS["degrees"], fewer), 5e-5)
