@@ -283,29 +283,37 @@ def _members(draft: Draft, name: str, given: list[str], line: int, last: int) ->
     return [*chosen]
 
 
-def _cards(draft: Draft, lines: list[Line]) -> Iterator[tuple[int, list[str]]]:
-    """Yield the line and the fields of every card, continued ones whole; a SET is one field."""
-    begun, waiting, mark = 0, [], ""
+def _cards(draft: Draft, lines: list[Line]) -> list[tuple[int, list[str]]]:
+    """Return the line and the fields of every card, continued ones whole, wherever that stands; a SET is one field."""
+    cards, waiting, mark = list[tuple[int, list[str]]](), dict[str, tuple[int, list[str]]](), ""
     for number, text in lines:
-        if waiting and _SET.match(waiting[0]) and waiting[0].endswith(","):
-            waiting = [waiting[0] + text]
+        last = cards[-1][1] if cards else []
+        if last and _SET.match(last[0]) and last[0].endswith(","):
+            last[0] += text
             continue
-        if _SET.match(text.strip()):
-            cells, after = [text.strip()], ""
-        else:
-            cells, after = _fields(draft, number, text)
+        cells, after = ([text.strip()], "") if _SET.match(text.strip()) else _fields(draft, number, text)
         if cells[0][:1] in ("", "+", "*") and len(cells) > 1:
-            if not waiting:
+            if not cards:
                 draft.fail(f"{text.strip()[:40]!r} continues no card", number)
-            if mark and cells[0] and mark[1:] != cells[0][1:]:
+            if cells[0][1:] in waiting:
+                last = waiting.pop(cells[0][1:])[1]
+            elif mark and cells[0] and mark[1:] != cells[0][1:]:
                 draft.fail(f"{cells[0]!r} does not continue the line before, which goes on at {mark!r}", number)
-            waiting, mark = [*waiting, *cells[1:]], after
-            continue
-        if waiting:
-            yield begun, waiting
-        begun, waiting, mark = number, [cells[0].rstrip("*").upper(), *cells[1:]], after
-    if waiting:
-        yield begun, waiting
+            elif not cells[0]:
+                waiting.pop(mark[1:], None)
+            last += cells[1:]
+        else:
+            if mark in ("+", "*"):
+                draft.fail(f"expected what continues the line before, which goes on at {mark!r}", number)
+            cards.append((number, last := [cells[0].rstrip("*").upper(), *cells[1:]]))
+        mark = after
+        if mark[1:] in waiting:
+            draft.fail(f"{mark!r} is where the card of line {waiting[mark[1:]][0]} goes on, too", number)
+        if mark[1:]:
+            waiting[mark[1:]] = number, last
+    for name, (number, _) in waiting.items():
+        draft.fail(f"goes on in a line that begins with {name!r} behind + or *, which is not there", number)
+    return cards
 
 
 def _fields(draft: Draft, line: int, text: str) -> tuple[list[str], str]:

@@ -68,7 +68,7 @@ YOUNG, DENSITY = (1e7, 2e12), (10.0, 3e4)
 
 _LENGTHS = {"mm": 1e-3, "mi": 1e-3, "in": 0.0254, "cm": 0.01, "ce": 0.01}
 _SAID = re.compile(
-    r"(?:\*\*|\$).*\b(?:length|units?)\b\W*(?:length\W*)?(?:(?:are|is|in)\s+)?"
+    r"(?:\*\*|\$).*\b(?:length|units?)\b(?:[^:=(]{0,20}[:=(]\s*(?:\w+\s*[,;]\s*){0,3}?|\W*(?:(?:are|is|in)\s+)?)"
     r"(mm|millimet\w*|cm|centimet\w*|inch\w*|in(?=\s*(?:[,;]|$))|m|met\w*)\b(?!/)",
     re.IGNORECASE,
 )

@@ -313,7 +313,7 @@ def _gone_on(sources: Sequence[SourceTable]) -> list[SourceTable]:
     whole = list[SourceTable]()
     for source in sources:
         alike = (i for i, other in enumerate(whole) if (other.part, other.header) == (source.part, source.header))
-        recorded = source.header[0] == "time" and all(isinstance(cells, np.ndarray) for cells in source.columns)
+        recorded = source.header[:1] == ("time",) and all(isinstance(cells, np.ndarray) for cells in source.columns)
         at = next(alike, None) if source.part and recorded else None
         if at is None:
             whole.append(source)

@@ -381,7 +381,8 @@ class Reader:
             if child.tag not in allowed | PASSED_OVER:
                 self._refuse_tag(element, child, allowed)
             for inner in child.iterchildren("*") if child.tag in LEAVES else ():
-                self._refuse_tag(child, inner, frozenset())
+                if inner.tag not in PASSED_OVER:
+                    self._refuse_tag(child, inner, frozenset())
         return [child for child in kept if child.tag in allowed]
 
     def _refuse_tag(self, element: etree._Element, child: etree._Element, allowed: frozenset[str]) -> None:

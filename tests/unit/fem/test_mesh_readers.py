@@ -292,6 +292,28 @@ def test_what_stands_twice_in_an_input_file_is_the_same_or_refused(again: str, p
         abaqus(tmp_path, again)
 
 
+@pytest.mark.parametrize(
+    ("cards", "problem"),
+    [
+        ("GRID*,5,,0.0,0.0,*A\nGRID*,6,,0.1,0.0,*B\n*B,0.1\n*A,0.1", ""),
+        ("GRID*,5,,0.0,0.0,*A\n*A,0.1\nGRID*,6,,0.1,0.0,*A\n*A,0.1", ""),
+        ("GRID*,5,,0.0,0.0,*\n*,0.1\nGRID*,6,,0.1,0.0\n*,0.1", ""),
+        ("GRID*,5,,0.0,0.0,*A\nGRID*,6,,0.1,0.0,*B\n*B,0.1", ":9: goes on in a line that begins with 'A'"),
+        ("GRID*,5,,0.0,0.0,*\nGRID,6,,0.1,0.0,0.1", ":10: expected what continues the line before"),
+        ("GRID*,5,,0.0,0.0,*A\nGRID*,6,,0.1,0.0,*A\n*A,0.1", r":10: '\*A' is where the card of line 9 goes on, too"),
+    ],
+)
+def test_a_card_goes_on_where_the_name_is_that_it_ends_with(cards: str, problem: str, tmp_path: Path) -> None:
+    """What went on elsewhere was given to another card, and the node's third coordinate was 0."""
+    text = NASTRAN.format(bulk="", control="").replace("GRID,5,,0,0,0.1\nGRID,6,,0.1,0,0.1", cards)
+    (tmp_path / "b.bdf").write_text(text)
+    if problem:
+        with pytest.raises(armflex.InputError, match=rf"b\.bdf{problem}"):
+            read_mesh(tmp_path / "b.bdf")
+    else:
+        np.testing.assert_allclose(read_mesh(tmp_path / "b.bdf").points, CORNERS)
+
+
 def test_two_constants_of_a_material_are_enough_and_corners_have_no_gaps(tmp_path: Path) -> None:
     text = NASTRAN.format(bulk="", control="")
     for constants in ("2.1+11,,0.3", "2.1+11,8.0769230769+10,", ",8.0769230769+10,0.3"):
@@ -309,6 +331,7 @@ def test_two_constants_of_a_material_are_enough_and_corners_have_no_gaps(tmp_pat
     [
         ("*NODE", "** Units: mm, N, tonne\n*NODE", "unit"),
         ("*NODE", "** LENGTH UNIT = inch\n*NODE", "unit"),
+        ("*NODE", "** UNITS (N, mm, s)\n*NODE", "unit"),
         ("0.1", "70.", "long_mesh"),
         ("2.1e11", "3.0e7", "soft_material"),
         ("*NODE", "** Units: m, N, kg\n** units in question, and units of mm/s\n*NODE", None),
