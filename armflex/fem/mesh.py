@@ -72,7 +72,7 @@ _SAID = re.compile(
     r"(mm|millimet\w*|cm|centimet\w*|inch\w*|in(?=\s*(?:[,;]|$))|m|met\w*)\b(?!/)",
     re.IGNORECASE,
 )
-"""A comment that states the unit of lengths: `** Units: mm, N`; its first two letters tell it."""
+"""A comment that states the unit of lengths: `** Units: mm, N`; known by its first two letters."""
 
 _EXPONENT = re.compile(r"(?<=[0-9.])(?:[dDeE]([+-]?)|([+-]))(?=\d+$)")
 
