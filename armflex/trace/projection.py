@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.linalg.lapack import dpstrf
 
 from armflex.conventions import Array
 from armflex.estimate.fit import Fit
@@ -44,16 +45,18 @@ class Projection:
 
     @cached_property
     def condensed(self) -> Projection:
-        """The same with as few amplitudes of families as the readings distinguish: principal axes of what they do.
+        """The same with as few amplitudes of families as the readings distinguish: an orthonormal basis of what they do.
 
-        Sines that are fine enough for every range and every length are many more.
+        Sines that are fine enough for every range and every length are many more. The basis is that of as many columns
+        as leave nothing of the others, by a Cholesky factorisation with pivots.
         """
         if self.random is None or not self.random.any() or self.axes is not None:
             return self
         std = 1.0 / np.sqrt(self.precision[self.random])
         columns = self.regressors[:, self.random] * std
-        size, turned = np.linalg.eigh(columns.T @ columns)
-        turned = turned[:, size > LEAST_INFORMED]
+        root, order, rank, _ = dpstrf((columns.T @ columns).T, tol=LEAST_INFORMED, lower=1, overwrite_a=1)
+        turned = np.empty((len(std), rank))
+        turned[order - 1] = np.linalg.qr(np.tril(root)[:, :rank])[0]
         kept, count = np.flatnonzero(~self.random), turned.shape[1]
         axes = np.zeros((len(self.precision), len(kept) + count))
         axes[kept, np.arange(len(kept))] = 1.0

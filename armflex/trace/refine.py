@@ -58,7 +58,8 @@ def refine(beside: Beside, some: Sequence[Rival]) -> None:
     for place, rival in enumerate(some):
         hypothesis = screen.groups[rival.chosen.number].hypothesis
         before = screen.refined.setdefault(hypothesis.spot, set())
-        if others not in before and (not before or place < MOST_TRIED):
+        # Values that were refined beside others are near: they are refined again where a climb looks at them.
+        if others not in before and (not before or place < MOST_TRIED // 2):
             before.add(others)
             starts = of_grid(hypothesis.spot) if hypothesis.one.law.search is Search.SPACE else [hypothesis]
             found += best(starts, SCALES[rival.chosen.scale])
