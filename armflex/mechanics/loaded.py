@@ -21,7 +21,7 @@ from armflex.mechanics.certificate import StabilityBound, bound_stability
 from armflex.mechanics.chain import Frames, Tree, chain_of, frames_of, link_frame
 from armflex.mechanics.laws import LawStack
 from armflex.mechanics.mechanism import Mechanism
-from armflex.mechanics.pinocchio_model import FlexModel, Load, build_model
+from armflex.mechanics.pinocchio_model import FlexModel, Load, build_model, carrying
 from armflex.mechanics.spring import Spring
 from armflex.robot import Corrections, Robot, Site
 from armflex.robot.robot import MILLIMETRES
@@ -223,12 +223,17 @@ class LoadedArm:
     @cached_property
     def rigid(self) -> FlexModel:
         """The model without flexures, where the controller knows it to be."""
-        return build_model(self.robot, (), self.payload.body)
+        return self._as_bare("rigid") or build_model(self.robot)
 
     @cached_property
     def flex(self) -> FlexModel:
         """The model with flexures, corrected."""
-        return build_model(self.robot, self.arm.sites, self.payload.body, self.arm.corrections)
+        return self._as_bare("flex") or build_model(self.robot, self.arm.sites, self.arm.corrections)
+
+    def _as_bare(self, name: str) -> FlexModel | None:
+        """Return a model of the arm without payload with this one's, which is quicker than anew; None of that arm."""
+        bare = self.arm.loaded(None)
+        return None if bare is self else carrying(getattr(bare, name), self.payload.body, self.robot.gravity)
 
     @cached_property
     def flags(self) -> tuple[Flag, ...]:
@@ -324,8 +329,10 @@ class LoadedArm:
     @cached_property
     def with_tool(self) -> FlexModel:
         """The flexible model in which what is at the tool is a body of its own."""
+        if (carried := self._as_bare("with_tool")) is not None:
+            return carried
         sites = (*self.arm.sites, Site(TOOL, self.arm.robot.chain[-1].name))
-        found = build_model(self.robot, sites, self.payload.body, self.arm.corrections)
+        found = build_model(self.robot, sites, self.arm.corrections)
         return replace(found, flexure_v=found.flexure_v[:-6])
 
     @cached_property

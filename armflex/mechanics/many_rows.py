@@ -505,7 +505,7 @@ class OneChain:
 
 def _from_nominal(loaded: LoadedArm) -> Callable[[Array, Array], None]:
     """Return what makes a displacement one from where the controller has the rigid arm, not from where it is."""
-    true, nominal = build_model(loaded.arm.robot, (), None, loaded.arm.corrections), loaded.rigid
+    true, nominal = build_model(loaded.arm.robot, corrections=loaded.arm.corrections), loaded.rigid
     datas = (true.model.createData(), nominal.model.createData())
     here, there = datas[0].oMf[true.tip], datas[1].oMf[nominal.tip]
     origin, turn, nominal_origin, back = here.translation, here.rotation, there.translation, there.rotation.T

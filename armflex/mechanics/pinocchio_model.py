@@ -8,7 +8,7 @@ chain's order. `tests/referee/test_robot.py` holds the result against Pinocchio'
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -72,7 +72,6 @@ class FlexModel:
 def build_model(
     robot: Robot,
     sites: Sequence[Site] = (),
-    payload: pin.Inertia | None = None,
     corrections: Corrections | None = None,
 ) -> FlexModel:
     """Return the model of a robot with a flexure at every site, several at one joint in series.
@@ -80,7 +79,6 @@ def build_model(
     Args:
         robot: A validated robot.
         sites: Places of the flexures; names and joints must exist in the robot.
-        payload: Inertia in the tip frame, rigidly fixed to the tip.
         corrections: Constant errors of the kinematics; none when not given.
 
     Raises:
@@ -123,8 +121,6 @@ def build_model(
         model.addFrame(pin.Frame(link, parent, 0, place, pin.FrameType.BODY))
         stack.extend((joint.child, joint, parent, place) for joint in robot.urdf.children[link])
     tip = model.getFrameId(robot.tip, pin.FrameType.BODY)
-    if payload is not None:
-        model.appendBodyToJoint(model.frames[tip].parentJoint, payload, model.frames[tip].placement)
     joined, free = robot.linkage.joined, robot.linkage.free
     driven = (joint.name for joint in robot.jointed if joint.name not in free)
     joints, freed = ([model.joints[model.getJointId(name)] for name in names] for names in (driven, free))
@@ -146,6 +142,15 @@ def build_model(
         free_v=np.array([joint.idx_v for joint in freed], dtype=int),
         size=model.nv + 6 * len(robot.linkage.closures),
     )
+
+
+def carrying(flex: FlexModel, payload: pin.Inertia | None, gravity: Array) -> FlexModel:
+    """Return a copy of a model with a payload, an inertia in the tip frame, at its tip, under (3,) gravity [m/s^2]."""
+    model, tip = flex.model.copy(), flex.model.frames[flex.tip]
+    model.gravity.linear = gravity
+    if payload is not None:
+        model.appendBodyToJoint(tip.parentJoint, payload, tip.placement)
+    return replace(flex, model=model)
 
 
 def _flexure_name(site: Site) -> str:

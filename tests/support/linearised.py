@@ -20,7 +20,7 @@ from armflex import Arm, Payload, Wrench
 from armflex.mechanics.equilibrium import Equilibrium, find_equilibrium
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.mechanism import Mechanism
-from armflex.mechanics.pinocchio_model import BASE_AXES, LoadCase, build_model, frame_jacobian
+from armflex.mechanics.pinocchio_model import BASE_AXES, LoadCase, build_model, carrying, frame_jacobian
 from armflex.robot import Site
 
 
@@ -104,7 +104,7 @@ def _probed(loaded: LoadedArm) -> tuple:
         numbers.append(len(own) if apart else last.get(place.joint, len(own)))
         if numbers[-1] == len(own):
             own.append(replace(place, name=f"probe:{place.name}"))
-    flex = build_model(robot, own, loaded.payload.body, arm.corrections)
+    flex = carrying(build_model(robot, own, arm.corrections), loaded.payload.body, robot.gravity)
     at_sites = flex.flexure_v.reshape(-1, 6)[numbers].ravel()
     return loaded.mechanism(replace(flex, flexure_v=flex.flexure_v[: 6 * len(arm.sites)])), at_sites
 

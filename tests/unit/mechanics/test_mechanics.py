@@ -26,7 +26,7 @@ from support.small_arms import (
 from armflex import Arm, Flexure, Payload, Wrench, load_arm
 from armflex.laws import LinearFit, LinearLaw
 from armflex.laws.law import WithoutParameters
-from armflex.mechanics.pinocchio_model import LoadCase, build_model
+from armflex.mechanics.pinocchio_model import LoadCase, build_model, carrying
 from armflex.robot import Corrections, load_robot
 
 G = 9.81
@@ -516,7 +516,7 @@ def test_joint_loads_of_a_stiff_arm_are_those_of_rigid_dynamics(name):
     arm = bundled(name)
     stiff = with_laws(arm, [LinearLaw(np.eye(6) * 1e-19)] * len(arm.flexures))
     payload = next(p for p in arm.payloads.values() if p.inertia is not None)
-    rigid = build_model(arm.robot, (), payload.body).model
+    rigid = carrying(build_model(arm.robot), payload.body, arm.robot.gravity).model
     random = np.random.default_rng(6)
     for _ in range(3):
         q = random.uniform(0.3 * arm.robot.lower, 0.3 * arm.robot.upper)
