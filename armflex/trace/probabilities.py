@@ -165,7 +165,8 @@ def bagged(evidence: Dense, own: Model, times: Iterable[Array], seed: int = 0) -
     part, best, sweeps = None, own, list[Drawn]()
     for each in times:
         before, part = part, evidence.resampled(each)
-        best = best if part is before else climbed(part, own)
+        if part is not before:  # from what was found, and from nothing: where both lead the likelier is taken
+            best = max((climbed(part, begun) for begun in (own, ())), key=part.log_posterior)
         slots = _placed(best, own, names)
         for i in [*range(len(own) + 1)] * SWEEPS:
             if i == len(own):
