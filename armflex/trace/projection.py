@@ -45,7 +45,7 @@ class Projection:
 
     @cached_property
     def condensed(self) -> Projection:
-        """The same with as few amplitudes of families as the readings distinguish: an orthonormal basis of what they do.
+        """The same with as few amplitudes of families as the readings distinguish: a basis of what they do.
 
         Sines that are fine enough for every range and every length are many more. The basis is that of as many columns
         as leave nothing of the others, by a Cholesky factorisation with pivots.
