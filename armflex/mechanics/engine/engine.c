@@ -1448,7 +1448,7 @@ static double settle(const arm *a, const double *compliance, const double *offse
                      const double *q, double *loose_joints, const double *idle, const rows_of *odd, here *h, work *w)
 {
     whole p = a->passive, m = a->rows, rank = h->rank, total = p + rank, gears = m, n = a->flexures;
-    double before = HUGE_VAL, distance = HUGE_VAL, *right = w->right;
+    double before = HUGE_VAL, distance = HUGE_VAL, rate = 0.0, *right = w->right;
     const double *met = odd ? odd->met : h->screws + 6 * a->driven, *by = odd ? odd->by : h->by;
     int given = 0;
     fill(h->forces, m);
@@ -1523,7 +1523,10 @@ static double settle(const arm *a, const double *compliance, const double *offse
         if (!(size < HUGE_VAL) || ((count > 1) && !(size < SLOWEST * before) && (size > CONVERGED))) {
             return HUGE_VAL;
         }
-        if ((count > 1) && (size * size <= ENDS * before)) {
+        /* The matrix stays that of the second step, so what it is off by is twice that step's curvature: one that
+         * happened to be short promises nothing. Squares, as sizes are. */
+        rate = (count == 1) ? fmin(16.0 * (size / before) * (size / before), SLOWEST) : fmax(rate, size / before);
+        if ((count > 1) && (size * rate <= ENDS)) {
             if (size > ENDS) {
                 place(a, q, loose_joints, 1, h);
                 (void)join(a, q, loose_joints, h);

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from support.arms import bundled, crooked, networks, positions
 from support.linearised import linearised_rows
@@ -100,6 +100,7 @@ def drawn(kind: str, folder: Path, seed: int) -> tuple[Arm, Array, Payload, tupl
 @pytest.mark.slow
 @settings(max_examples=60, suppress_health_check=list(HealthCheck))
 @given(kind=st.sampled_from(sorted(ARMS)), seed=st.integers(0, 10**6))
+@example(kind="uneven", seed=6153)  # of which one step happens to be short
 def test_it_says_what_pinocchio_says(tmp_path_factory, kind: str, seed: int) -> None:
     """Where an arm rests and how it responds; relative to the largest of each, by the rounding of levers of metres."""
     arm, q, body, loads = drawn(kind, tmp_path_factory.mktemp("arm"), seed)
