@@ -251,10 +251,12 @@ def uncertainties(
     fitted_groups, stds = arm.certainty.groups if arm.certainty else (), {}
     declared = {flexure.name: flexure.law for flexure in arm.flexures if fitted_group(flexure) not in fitted_groups}
     for key, (compliance, axis) in _compliances(with_constants(arm)).items():
-        law = declared.get(key.of)
-        covariance = None if law is None else law.covariance(axis, Row(arm.robot.home, arm.joint_index))
-        if covariance is not None:
-            stds[key] = float(np.sqrt(axis @ covariance @ axis)) / compliance**2
+        law, row = declared.get(key.of), Row(arm.robot.home, arm.joint_index)
+        covariance = None if law is None else law.covariance(axis, row)
+        if law is not None and covariance is not None:
+            if (scatter := law.scatter(axis, row)) is not None:  # by which a reading of a bench is off, not the law
+                covariance = covariance - np.square(law.widening(axis, row)) * scatter
+            stds[key] = float(np.sqrt(max(axis @ covariance @ axis, 0.0))) / compliance**2
     if arm.certainty is None:
         return stds, ("Nothing was fitted to this arm: only declared uncertainties are given.",)
     certainty, setup = arm.certainty, Setup(arm, arm.instrument or Instrument())

@@ -1232,7 +1232,8 @@ def _joined(
         return rows_of, called, f"row by row: no name is in both files{several}", []
     per = {len(rows) for rows in rows_of.values()}
     problem = f"{count} rows of {log.path.name} and {listing(map(str, per))} {what}s of {export.path.name}"
-    text = f"{problem} share no name and no time: add a column 'point' to the log, or the same names to both"
+    text = f"{problem} share no name and no time: add a column 'point' to the log, or the same names to both, "
+    text += "or say with --take 'COLUMN=time' which column of each is its clock"
     raise TableError(Place(export.path), text)
 
 

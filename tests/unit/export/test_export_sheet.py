@@ -23,7 +23,7 @@ from armflex.laws.effects.candidate import Candidate
 from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import Location
-from armflex.laws.joint.linear import LinearLaw
+from armflex.laws.joint.linear import LinearFit, LinearLaw
 from armflex.parameters import Certainty, ParameterKind, of_compliance, of_effect, of_motions, of_offsets
 from armflex.robot import Corrections, load_robot
 
@@ -138,6 +138,15 @@ def test_uncertainties_are_those_of_the_posterior() -> None:
     assert sheet.std[drive] == pytest.approx(sheet.value[drive] * std[42 + 4], rel=1e-3)
     declared_only = ("stiffness", "J4", "drive")
     assert sheet.std[declared_only] == pytest.approx(sheet.value[declared_only] * arm.flexures[3].law.relative_std)
+
+
+def test_a_stiffness_from_a_bench_is_as_uncertain_as_the_bench_left_it_not_as_one_of_its_readings() -> None:
+    """In closed form, s(1/C) = s(C) / C^2, however much single readings scatter."""
+    arm = bundled("heavy_six")
+    fit = LinearFit(np.tile(np.diag(np.full(6, 1e-18)), (6, 1, 1)), np.full(6, 1e-5), np.array([[-1e3] * 6, [1e3] * 6]))
+    flexure = replace(arm.flexures[2], law=LinearLaw(np.diag([1e-9] * 3 + [9e-7] * 3), fit=fit))
+    sheet = Sheet(export(replace(arm, flexures=(*arm.flexures[:2], flexure, *arm.flexures[3:]))).text)
+    assert sheet.std["stiffness", flexure.name, "drive"] == pytest.approx(1e-9 / 9e-7**2)
 
 
 def test_a_zero_and_the_turn_of_its_frame_are_one_number() -> None:
