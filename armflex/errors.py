@@ -193,6 +193,7 @@ class MissingCovariateError(InputError):
         alike = [column for column in self.given if ("=" in column) == ("=" in name)]  # a column or a level
         hint = did_you_mean(name, alike)
         text = f"{who} needs the covariate {name!r}, which is not given{hint} (given: {listing(self.given)})"
+        remedy = remedy or f": a column of the rows, --covariates {name}=VALUE or covariates= in Python gives it"
         super().__init__(text + remedy)
 
 
