@@ -146,7 +146,7 @@ def build_model(
 
 def carrying(flex: FlexModel, payload: pin.Inertia | None, gravity: Array) -> FlexModel:
     """Return a copy of a model with a payload, an inertia in the tip frame, at its tip, under (3,) gravity [m/s^2]."""
-    model, tip = flex.model.copy(), flex.model.frames[flex.tip]
+    model, tip = pin.Model(flex.model), flex.model.frames[flex.tip]
     model.gravity.linear = gravity
     if payload is not None:
         model.appendBodyToJoint(tip.parentJoint, payload, tip.placement)

@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.linalg.lapack import dpstrf
+from scipy.linalg import get_lapack_funcs
 
 from armflex.conventions import Array
 from armflex.estimate.fit import Fit
@@ -54,7 +54,8 @@ class Projection:
             return self
         std = 1.0 / np.sqrt(self.precision[self.random])
         columns = self.regressors[:, self.random] * std
-        root, order, rank, _ = dpstrf((columns.T @ columns).T, tol=LEAST_INFORMED, lower=1, overwrite_a=1)
+        (pivoted,) = get_lapack_funcs(("pstrf",), (columns,))
+        root, order, rank, _ = pivoted((columns.T @ columns).T, tol=LEAST_INFORMED, lower=1, overwrite_a=1)
         turned = np.empty((len(std), rank))
         turned[order - 1] = np.linalg.qr(np.tril(root)[:, :rank])[0]
         kept, count = np.flatnonzero(~self.random), turned.shape[1]
