@@ -1,4 +1,4 @@
-"""Nastran bulk data: GRID, CTETRA, CHEXA, PSOLID, MAT1, and sets as SET in the case control or as SPC, SPC1.
+"""Nastran bulk data: GRID, CTETRA, CHEXA, PSOLID, MAT1, and sets as SET in the case control, SPC, SPC1 or PS of GRID.
 
 The cards are read in small, large and free fields. What is neither read nor known not to change a model of solids is
 refused by name.
@@ -102,6 +102,7 @@ def read_bdf(path: Path, unit: str = "m") -> Mesh:
         draft.fail(f"{lines[begin][1].strip()[:40]!r} begins what is not read, expected BEGIN BULK", lines[begin][0])
     flags, properties, foreign = [Flag("no_end", f"{path} has no ENDDATA: is it whole?")], [], {}
     held: dict[str, list[tuple[list[str], int, str]]] = {}
+    single, usual = dict[int, tuple[str, int]](), ("", 0)
     for line, (word, *cells) in _cards(draft, lines[begin + 1 :]):
         cells = [*(cell.strip() for cell in cells), *[""] * 8]
         if match := _SET.fullmatch(word):
@@ -111,9 +112,11 @@ def read_bdf(path: Path, unit: str = "m") -> Mesh:
                 draft.fail("GRID in a coordinate system of its own or in a superelement is not read", line)
             (number,) = draft.whole(line, cells[:1], 1)
             draft.node(number, number, draft.numbers(line, cells[2:5]), line)
+            single[number] = cells[6], line
         elif word == "GRDSET":
             if cells[1] not in ("", "0") or cells[7] not in ("", "0"):
                 draft.fail("GRDSET with a coordinate system or a superelement of every GRID is not read", line)
+            usual = cells[6], line
         elif word in KINDS or word in FLAT:
             number, part = draft.whole(line, [cells[0], cells[1] or cells[0]], 2)
             corners = draft.whole(line, cells[2 : 2 + FLAT.get(word, 20)])  # of faces thickness and angle come after
@@ -165,6 +168,13 @@ def read_bdf(path: Path, unit: str = "m") -> Mesh:
     for material in draft.materials.values():
         mass = material.pop("density")
         material |= {"density": (controlled or scale or 1.0) * mass} if mass else {}
+    for number, (axes, line) in single.items():
+        if not (axes := (axes or usual[0]).strip("0")) or {*axes} <= {*"456"}:  # nodes of solids do not turn
+            continue
+        if not {*SHIFTS} <= {*axes} <= {*"123456"}:
+            draft.fail(f"GRID {number} is held in {axes} alone by its PS, expected all of {SHIFTS}, or an SPC1", line)
+        draft.sets.setdefault("PS", []).append(number)
+        draft.held = ("PS",)
     requested = [(name, *members, SHIFTS) for name, members in sets.items()]
     for name, several in held.items():
         for card in several:

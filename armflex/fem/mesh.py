@@ -138,6 +138,7 @@ class Mesh:
         beyond: Keywords, with their lines, of what this room does not compute and CalculiX does.
         included: Files that it includes, in the order of their lines; see `MOST_LINES`.
         unread: Name of a set that is not one of nodes -> why, and its line.
+        held: Names of sets that the file holds always, whichever of its supports are asked for.
     """
 
     path: Path
@@ -150,6 +151,7 @@ class Mesh:
     beyond: tuple[tuple[str, int], ...] = ()
     included: tuple[Path, ...] = ()
     unread: Mapping[str, tuple[str, int]] = field(default_factory=dict)
+    held: tuple[str, ...] = ()
 
     @property
     def size(self) -> float:
@@ -198,7 +200,7 @@ class Draft:
         materials: Name -> what `Material` has, SI.
         sections: Keys of elements, the material that they are made of, line.
         references: Keys of nodes that may belong to no element, as those do that a set has alone.
-        included, unread, flags: See `Mesh`.
+        included, unread, flags, held: See `Mesh`.
     """
 
     path: Path
@@ -213,6 +215,7 @@ class Draft:
     included: list[Path] = field(default_factory=list)
     unread: dict[str, tuple[str, int]] = field(default_factory=dict)
     flags: list[Flag] = field(default_factory=list)
+    held: tuple[str, ...] = ()
 
     def fail(self, problem: str, line: int = 0) -> NoReturn:
         """Raise the error that names the file and a line."""
@@ -325,6 +328,7 @@ class Draft:
             tuple(beyond),
             tuple(self.included),
             self.unread,
+            self.held,
         )
 
     def _without_references(self) -> Iterator[Flag]:
@@ -416,6 +420,12 @@ def interfaces_of(mesh: Mesh, fixed: str, loaded: Sequence[str], whole: bool = T
         text = f"the mesh is {size:g} m from corner to corner, expected {SHORTEST:g} to {LONGEST:g} m"
         raise UnitError(f"{mesh.path}: {text}: is another unit meant ({other})?")
     sets, count = {name: mesh.nodes_of(name) for name in names}, len(mesh.points)
+    for name in mesh.held:
+        if len(beyond := np.setdiff1d(mesh.sets.get(name, ()), sets[fixed])):
+            text = (
+                f"%s is held by its own line, with {len(mesh.sets[name])} of the set {name!r}, and is not in {fixed!r}"
+            )
+            raise at_node(text, beyond[0], f"hold {name!r}, or free the node in the file")
     if not whole:
         return sets
     lost = np.setdiff1d(np.arange(count), np.concatenate([block.nodes.ravel() for block in mesh.blocks]))

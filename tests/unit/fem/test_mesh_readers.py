@@ -1,5 +1,6 @@
 """What a mesh's file has beside solids: the harmless is left out, sets are read, all else is named by line."""
 
+import re
 import struct
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 import armflex
+from armflex.fem.condense import condense
 from armflex.fem.mesh import Mesh
 from armflex.fem.read import read_mesh
 
@@ -255,6 +257,34 @@ def test_what_is_harmless_in_an_input_file_is_left_out(tmp_path: Path) -> None:
     assert len(mesh.points) == 8 and not mesh.flags
     with pytest.raises(armflex.InputError, match=r"b\.inp:31: set 'FREE' is a \*SURFACE of 'ALL', ''"):
         mesh.nodes_of("FREE")
+
+
+@pytest.mark.parametrize(
+    ("held", "by_set", "problem"),
+    [
+        ({n: "123456" for n in (1, 2, 3, 4)}, "", ""),
+        ({n: "" for n in (1, 2, 3, 4)} | {n: "456" for n in (5, 6, 7, 8)}, "123", ""),
+        ({n: "123" for n in (1, 2, 3, 4, 5)}, "", ":9: node 5 is held by its own line, with 5 of the set 'PS', and"),
+        ({3: "2"}, "", ":7: GRID 3 is held in 2 alone by its PS"),
+        ({3: "127"}, "", ":7: GRID 3 is held in 127 alone by its PS"),
+    ],
+)
+def test_a_node_that_its_own_line_holds_is_held(held: dict, by_set: str, problem: str, tmp_path: Path) -> None:
+    """It was free, and the part softer than in the deck."""
+    text = NASTRAN.format(bulk=f"SPC1,1,123,1,2,3,4\nSPC1,9,123,5,6,7,8\nGRDSET,,,,,,,{by_set}", control="")
+    for node, axes in held.items():
+        text = re.sub(rf"(GRID,{node},.*)", rf"\1,,{axes}", text)
+    (tmp_path / "b.bdf").write_text(text)
+    free = nastran(tmp_path, "SPC1,1,123,1,2,3,4\nSPC1,9,123,5,6,7,8")
+    (tmp_path / "b.bdf").write_text(text)
+    if problem:
+        with pytest.raises(armflex.InputError, match=rf"b\.bdf{problem}"):
+            condense(read_mesh(tmp_path / "b.bdf"), "SPC1", ["SPC9"])
+    else:
+        np.testing.assert_array_equal(
+            condense(read_mesh(tmp_path / "b.bdf"), "PS", ["SPC9"]).compliance,
+            condense(free, "SPC1", ["SPC9"]).compliance,
+        )
 
 
 @pytest.mark.parametrize(
