@@ -24,7 +24,7 @@ from urllib.parse import quote
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.errors import ArmflexError, Place, TableError, UnsupportedError, listing
+from armflex.errors import FEW, ArmflexError, Place, TableError, UnsupportedError, listing
 from armflex.intake.sources import SourceTable, recorded
 from armflex.intake.streams import DENSE, aligned, contradiction, spread
 
@@ -199,6 +199,11 @@ def _messages(path: Path, notes: list[str]) -> Iterator[tuple[str, str, float, A
     files.sort(key=lambda file: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", file.name)])
     if absent := {*re.findall(r"[^\s'\"\[\],/]+\.(?:mcap|db3)(?![.\w])", listed)} - {file.name for file in files}:
         raise TableError(Place(metadata), f"lists {listing(sorted(absent))}, which is not there: copy the whole folder")
+    if path.is_dir() and not files and not listed:
+        every = [*sorted(path.glob("*")), *sorted(path.glob("*/*"))]
+        bags = dict.fromkeys(item if item.parent == path else item.parent for item in every if item.suffix in BAGS)
+        text = f"is a folder with {len(bags)} bags, {listing(map(str, bags), FEW)}: give one of them" if bags else ""
+        raise TableError(Place(path), text or f"is a folder without a recording ({', '.join(BAGS)}): give the files")
     packed = re.search(r"compression_mode: *['\"]?(?:file|message)", listed, re.IGNORECASE)
     if packed or not files or files[0].suffix not in (".mcap", ".db3"):
         yield from _other(path)

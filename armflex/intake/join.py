@@ -46,6 +46,7 @@ from armflex.intake.meanings import (
     VECTOR,
     Ask,
     Meaning,
+    combined,
     meanings,
     polar,
     stated,
@@ -71,6 +72,7 @@ from armflex.intake.streams import (
     reduced,
     repeated,
     spread,
+    two_sources,
     unsteady,
     unwrapped,
 )
@@ -225,6 +227,8 @@ def intake(
     moving = [] if robot is None else [joint.name for joint in robot.moving]
     slides = [] if robot is None else [joint.name for joint in robot.moving if joint.kind == "prismatic"]
     understood = [meanings(source, asked_for, moving, slides) for source in sources]
+    for source, meant in zip(sources, understood, strict=True):
+        wrong += combined(source, meant, asked_for, moving)
     sources, understood, about = _one_log(sources, understood, joints, ask)
     wrong += about
     logs = [i for i, meant in enumerate(understood) if any(meaning.kind == "joint" for meaning in meant)]
@@ -574,6 +578,16 @@ def _standing(
             if unit == "rad":
                 sources[i] = _continuous(sources[i], understood[i], even)
                 moved[i] = _moved(sources[i], understood[i])
+            if (pair := two_sources(even, places := moved[i][0], unit)) is not None:
+                at, further = pair
+                apart = float(np.linalg.norm(places[further] - places[at]))
+                text = f"{listing(f'{value:.6g}' for value in places[at])} {unit} at {even[at]:.3f} s here and"
+                text = f"{sources[i].part} is at {text} {listing(f'{value:.6g}' for value in places[further])} at"
+                text += (
+                    f" {even[further]:.3f} s, {in_mm(apart) if unit == 'm' else f'{apart:.4g} {unit}'} apart, to and"
+                )
+                text += " fro while the arm stands: two programs or instruments wrote it, keep one of them"
+                raise TableError(Place(sources[i].path, sources[i].lines[at]), text.strip())
         elif is_sampled(STEP * np.arange(len(values), dtype=float), values, unit) and len(values) >= SAMPLES:
             text = f"has {len(values)} rows of what stands and moves, samples of a recording, and no clock of one: "
             other = unread(sources[i], understood[i]) or "--take COLUMN=time_s says which column it is"
@@ -609,7 +623,8 @@ def _standing(
             shift = shifts[path]
             order, places = np.argsort(clocks[i], kind="stable"), moved[i][0]
             gone = np.zeros(len(places), dtype=bool)
-            gone[order] = held(places[order], clocks[i][order], spans + shift)
+            of_log = [between(clocks[i][order] - shift, clocks[log], column) for column in moved[log][0].T]
+            gone[order] = held(places[order], clocks[i][order], spans + shift, np.column_stack(of_log))
             if gone.any():
                 sources[i] = emptied(sources[i], understood[i], gone, "is exactly where it was before")
             gone = unsteady(clocks[i], np.where(gone[:, None], np.nan, places), spans + shift)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armflex.conventions import UNITS
+from armflex.conventions import NUMBER, UNITS
 from armflex.intake.lost import lost
 from armflex.intake.sources import Cells, SourceTable, numbers
 from armflex.measured.points import LENGTHS
@@ -184,6 +184,11 @@ ROUNDED = 0.02
 VECTOR, ANGLES = ("rx", "ry", "rz"), ("roll", "pitch", "yaw")
 """A rotation vector, which a header alone does not say; and angles about the fixed axes x, then y, then z."""
 
+OPERATORS = re.compile(r"[-+*/^|()±×·−–]+|\s(?:plus|minus|mal|times|moins)\s", re.IGNORECASE)
+FUNCTIONS = ("abs", "cos", "minus", "neg", "rad2deg", "deg2rad", "sin", "sum", "tan")
+APPLIED = re.compile(rf"(?:{'|'.join(FUNCTIONS)})\s*\(.*\)", re.IGNORECASE)
+"""How a column is written that is computed of joints: `A2+A3`, `J1*2`, `sin(J1)`."""
+
 COUNTED = re.compile(r"\d+")
 """What stands in brackets at the end of a name that is counted so, `j[1]`, and is no unit."""
 
@@ -316,6 +321,35 @@ def meanings(
             for meaning in meant
         ]
     return tuple(meant)
+
+
+def combined(
+    source: SourceTable, meant: Sequence[Meaning], taken: Mapping[str, str], joints: Sequence[str]
+) -> list[str]:
+    """Return what is wrong with columns that are computed of joints, `A2+A3`, where one of them has no other column.
+
+    Args:
+        source: A file.
+        meant: What its columns are.
+        taken: As for `meanings`.
+        joints: Names of the robot's, where its file is there.
+    """
+    computed = dict[str, list[str]]()
+    for meaning in meant:
+        text = meaning.column.strip()
+        text = text if APPLIED.fullmatch(text) else _with_unit(text)[0]
+        parts = [_with_unit(part.strip().removeprefix("q_"))[0] for part in OPERATORS.split(text)]
+        parts = [part for part in parts if part and not NUMBER.fullmatch(part) and part.lower() not in FUNCTIONS]
+        named = [part for part in (_meaning(part, part, ("0",), None, False, joints) for part in parts)]
+        asked = meaning.column in taken or meaning.column.startswith(RECORDED) or meaning.name in joints
+        if OPERATORS.search(text) and named and all(part.kind == "joint" for part in named) and not asked:
+            computed[meaning.column] = [part.name for part in named]
+    there, wrong = {one.name for one in meant if one.kind == "joint" and one.column not in computed}, list[str]()
+    for column, names in computed.items() if not source.part else ():
+        if missing := [name for name in names if name not in there]:
+            text = f"{source.path}: column {column!r} is computed of joints, expected a column of {missing[0]} alone:"
+            wrong.append(f"{text} compute that, or --take '{column}=unused' where no such joint is")
+    return wrong
 
 
 def polar(header: Sequence[str]) -> tuple[str, ...]:

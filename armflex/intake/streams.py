@@ -36,6 +36,12 @@ NEAR = 0.25
 TRIED = 40
 """Differences of two clocks that are tried, those between most pairs of a row and a point."""
 
+DISPUTED = 6.0
+"""Tolerance: so many times their scatter two places of a target are apart that are not one: a swing is within four."""
+
+TURNS = 0.03
+"""Tolerance: a joint that turned by so much [rad] moved its target by more than a digit of its place."""
+
 HELD = 10
 """Rows that are equal to the last digit: fewer are chance."""
 
@@ -147,6 +153,41 @@ def contradiction(time: Array, values: Array) -> int | None:
     return int(jumps[:-1][returns][0]) + 1 if np.count_nonzero(returns) >= TIMES else None
 
 
+def two_sources(time: Array, values: Array, unit: str) -> tuple[int, int] | None:
+    """Return two of (N, d) samples in `unit` that two sources must have written; None where one wrote all.
+
+    In most spans of time in which nothing else moves values change to and fro between two that are further apart than
+    `DISPUTED` times the scatter about them, and than neighbours of a coarse encoder or of few digits, or its dither.
+
+    Args:
+        time: (N,) [s], in any order.
+        values: (N, d) positions.
+        unit: "rad" or "m", see `STILL`.
+    """
+    order = np.argsort(time, kind="stable")
+    order = order[np.isfinite(values[order]).all(axis=1)]
+    digits = np.array([np.diff(np.unique(column)).min(initial=np.inf) for column in values[order].T])
+    still, pairs = 0, list[tuple[int, int]]()
+    spans = np.split(order, np.flatnonzero(np.diff(np.floor(time[order] / STANDS))) + 1)
+    for rows in spans if len(order) else ():
+        moved = values[rows] - values[rows].mean(axis=0)
+        along = moved @ np.linalg.svd(moved, full_matrices=False)[2][0]
+        steps = np.sort(along)
+        widest = int(np.diff(steps).argmax()) if len(rows) > 1 else 0
+        upper = along > steps[widest]
+        if min(np.count_nonzero(upper), np.count_nonzero(~upper)) < TIMES:
+            still += bool(np.abs(moved).max() < STILL[unit])
+            continue
+        means = [moved[~upper].mean(axis=0), moved[upper].mean(axis=0)]
+        scatter = float(np.sqrt(((moved - np.where(upper[:, None], means[1], means[0])) ** 2).sum(axis=1).mean()))
+        still += scatter < STILL[unit]
+        apart, turns = np.abs(means[1] - means[0]), np.flatnonzero(np.diff(upper.astype(int)))
+        far = np.linalg.norm(apart) > max(DISPUTED * scatter, 0.1 * STILL[unit])
+        if len(turns) >= TIMES and far and (apart > 1.5 * digits).any():
+            pairs.append((int(rows[turns[0]]), int(rows[turns[0] + 1])))
+    return pairs[0] if len(pairs) >= max(TIMES, still / 2) else None
+
+
 def unwrapped(values: Array) -> Array:
     """Return (N,) positions of a joint without the full turns by which a controller that counts within one jumps."""
     steps = np.diff(values)
@@ -172,16 +213,17 @@ def never_there(time: Array, values: Array) -> np.ndarray:
     return zero & np.isin(runs, np.concatenate([runs[jumps], runs[jumps + 1]]))
 
 
-def held(places: Array, time: Array, spans: Array) -> np.ndarray:
+def held(places: Array, time: Array, spans: Array, joints: Array) -> np.ndarray:
     """Return (N,) which rows of a target are the last place again, of an instrument that holds it where it reads none.
 
     Such are rows that are equal over `HELD` and more, of a target that is otherwise not at one place twice while the
-    arm stands: noise sees to that.
+    arm stands: noise sees to that. Without noise they are those at which a joint has turned since the first of them.
 
     Args:
         places: (N, 3), ascending in time.
         time: (N,) [s].
         spans: (K, 2) first and last time [s] of each stand.
+        joints: (N, n) positions [rad or m] at these times.
     """
     same = np.concatenate([[False], (np.diff(places, axis=0) == 0.0).all(axis=1)])
     run = np.cumsum(~same)
@@ -190,7 +232,8 @@ def held(places: Array, time: Array, spans: Array) -> np.ndarray:
     fresh = (index >= 0) & (time <= spans[index, 1]) & ~lasts & np.isfinite(places).all(axis=1)
     usual = np.median(np.bincount(index[fresh], minlength=len(spans)))
     noisy = usual >= HELD and np.count_nonzero(same & fresh) < 0.05 * np.count_nonzero(fresh)
-    return lasts & noisy & same
+    turned = (np.abs(joints - joints[np.flatnonzero(~same)[run - 1]]) > TURNS).any(axis=1)
+    return lasts & same & (noisy | turned)
 
 
 def repeated(places: Array, joints: Array) -> np.ndarray:

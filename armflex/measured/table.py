@@ -176,7 +176,11 @@ class Table:
             hint = did_you_mean(missing[0], [name for name in self.columns if name not in expected])
             joints = {name.removeprefix("q_"): name for name in missing if name.startswith("q_")}
             plain = [name for name in self.columns if re.split(r"[_ \[]", name)[0] in joints]
-            if plain:  # a table of a controller or of a spreadsheet
+            parts = {name: re.split(r"[-+*/()\s]+", name.replace("q_", "")) for name in self.columns}
+            computed = [name for name, words in parts.items() if len(words) > 1 and not joints.keys().isdisjoint(words)]
+            if computed:
+                hint = f": {computed[0]!r} is computed of joints, and each has a column by itself"
+            elif plain:  # a table of a controller or of a spreadsheet
                 joint = re.split(r"[_ \[]", plain[0])[0]
                 hint = f": {plain[0]!r} is to be called {plain[0].replace(joint, joints[joint], 1)!r}, and so on"
             seen = f"expected: {listing(expected)}; found: {listing(self.columns)}"

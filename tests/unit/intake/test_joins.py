@@ -292,6 +292,21 @@ def test_another_quantity_of_a_joint_is_no_position(tmp_path: Path) -> None:
     assert found.columns["J1_Nm"] == [3.5] * 4
 
 
+@pytest.mark.parametrize(
+    "head", ["J1+J2", "J2-J1 [deg]", "-J2_deg", "J2*2", "2·J2", "q_J1+q_J2", "sin(J2)", "Axis 1 / J2"]
+)
+def test_a_column_computed_of_joints_is_none(tmp_path: Path, head: str) -> None:
+    """It was a covariate, and the arm had a joint less."""
+    lines = [f"Pose,J1 [deg],{head}", *(f"P{i},{7 * i},{i * i}" for i in range(1, 5))]
+    (tmp_path / "log.csv").write_text("\n".join(lines))
+    points = export(tmp_path / "export.csv", ["P1", "P2", "P3", "P4"], range(1, 5))
+    with pytest.raises(InputError, match=r"is computed of joints, expected a column of (J2|Axis_1) alone"):
+        intake([tmp_path / "log.csv", points], 5e-5)
+    beside = ["J2 [deg],Axis 1 [deg]", *(f"{i * i},{-3 * i}" for i in range(1, 5))]
+    (tmp_path / "log.csv").write_text("\n".join(f"{line},{more}" for line, more in zip(lines, beside, strict=True)))
+    assert "q_J2" in intake([tmp_path / "log.csv", points], 5e-5).columns
+
+
 @pytest.mark.parametrize("name", ["arm/j{}", "arm-j{}", "r.j{}", "joint {}", "r::j{}", "j[{}]", "Gelenk_ä{}"])
 def test_joints_are_called_as_a_robots_file_may_have_them(tmp_path: Path, name: str) -> None:
     names = [name.format(i) for i in (1, 2)]

@@ -144,6 +144,10 @@ def test_a_place_that_is_held_is_no_reading(tmp_path: Path) -> None:
     found = intake([log(tmp_path), export(tmp_path, rows)], 5e-5)
     fits(found)
     assert not any("where it was before" in note for note in found.notes)
+    rows[300:700] = [",".join([f"{t:.3f}", *rows[299].split(",")[1:]]) for t in TT[300:700]]
+    kept = intake([log(tmp_path), export(tmp_path, rows)], 5e-5).columns["x"]
+    assert 0 < list(kept).count("") < 4
+    assert all(x in ("", pytest.approx(whole, abs=2e-5)) for x, whole in zip(kept, found.columns["x"], strict=True))
     rows[300:700] = [f"{t:.3f},0,0,0" for t in TT[300:700]]
     found = intake([log(tmp_path), export(tmp_path, rows)], 5e-5)
     assert 0 < list(found.columns["x"]).count("") < 4
@@ -473,6 +477,24 @@ def test_places_that_no_arm_reaches_are_in_another_unit(tmp_path: Path) -> None:
                                       "time,x [m],y [m],z [m]")], 5e-5)  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ("apart", "every", "refused"), [(2.0, 2, True), (60.0, 2, True), (2.0, 5, True), (0.0, 2, False), (0.05, 2, False)]
+)
+@pytest.mark.parametrize("digits", [1, 4])
+def test_two_sources_of_a_place_are_an_error(
+    tmp_path: Path, apart: float, every: int, refused: bool, digits: int
+) -> None:
+    """Their mean is of neither; what flickers between neighbouring numbers is of one."""
+    places = MM + apart * (np.arange(len(MM)) % every == 0)[:, None] * [0.6, 0.0, 0.8]
+    rows = [f"{t:.3f},{x:.{digits}f},{y:.{digits}f},{z:.{digits}f}" for t, (x, y, z) in zip(TT, places, strict=True)]
+    paths = [log(tmp_path), export(tmp_path, rows)]
+    if not refused:
+        fits(intake(paths, 5e-5), 1.2e-4)
+        return
+    with pytest.raises(InputError, match=r"is at .* m at .* s here and .* at .* s, .* mm apart, to and fro"):
+        intake(paths, 5e-5)
+
+
 @pytest.mark.parametrize("step", [0.008, 0.1])
 def test_two_publishers_of_a_joint_are_an_error(tmp_path: Path, step: float) -> None:
     zeros = [("/joint_states", t + 3e-3, list(NAMES), [0.0] * 3) for t in np.arange(0.0, T[-1], step).tolist()]
@@ -515,6 +537,11 @@ def test_a_bag_whose_part_is_absent_is_refused(tmp_path: Path) -> None:
     shutil.move(next(folder.glob("*.mcap")), folder / "other.mcap")
     with pytest.raises((InputError, TableError), match="which is not there: copy the whole folder"):
         intake([folder], 5e-5)
+    with pytest.raises(InputError, match=rf"is a folder with 1 bags, {folder}: give one of them"):
+        intake([tmp_path], 5e-5)
+    (tmp_path / "none").mkdir()
+    with pytest.raises(InputError, match="is a folder without a recording"):
+        intake([tmp_path / "none"], 5e-5)
 
 
 def test_captures_that_were_cut_are_refused(tmp_path: Path) -> None:
