@@ -176,8 +176,16 @@ class Table:
             hint = did_you_mean(missing[0], [name for name in self.columns if name not in expected])
             joints = {name.removeprefix("q_"): name for name in missing if name.startswith("q_")}
             plain = [name for name in self.columns if re.split(r"[_ \[]", name)[0] in joints]
-            parts = {name: re.split(r"[-+*/()\s]+", name.replace("q_", "")) for name in self.columns}
-            computed = [name for name, words in parts.items() if len(words) > 1 and not joints.keys().isdisjoint(words)]
+            of_arm = {"", *(name.removeprefix("q_") for name in expected)}
+            parts = {name: re.split(r"\s*[-+*/]\s*", name.replace("q_", "")) for name in self.columns}
+            parts = {name: {re.split(r"[_ \[]", text)[0] for text in texts} for name, texts in parts.items()}
+            computed = [
+                name
+                for name, words in parts.items()
+                if words & joints.keys()
+                and re.search(r"[-+*/]", name)
+                and all(w in of_arm or w.isdigit() for w in words)
+            ]
             if computed:
                 hint = f": {computed[0]!r} is computed of joints, and each has a column by itself"
             elif plain:  # a table of a controller or of a spreadsheet

@@ -103,6 +103,7 @@ BAD = {
     "missing joint": ([(",q_A3", ",x_A3")], 1, r"no column 'q_A3'.*found: time"),
     "missing joint names the nearest": ([(",q_A3", ",q_A33")], 1, r"did you mean 'q_A"),
     "joints called as in a spreadsheet": ([("q_A3", "A3 [deg]")], 1, r"'A3 \[deg\]' is to be called 'q_A3 \[deg\]'"),
+    "a column computed of joints": ([("q_A3", "q_A2+q_A3")], 1, r"'q_A2\+q_A3' is computed of joints"),
     "missing time": ([("time,", "tme,")], 1, r"no column 'time', did you mean 'tme'"),
     "misspelt payload": ([("payload", "paylod")], 1, r"unknown column 'paylod', did you mean 'payload'"),
     "capital via": ([(",via", ",Via")], 1, r"unknown column 'Via', did you mean 'via'"),
