@@ -184,7 +184,7 @@ ROUNDED = 0.02
 VECTOR, ANGLES = ("rx", "ry", "rz"), ("roll", "pitch", "yaw")
 """A rotation vector, which a header alone does not say; and angles about the fixed axes x, then y, then z."""
 
-OPERATORS = re.compile(r"[-+*/^|()±×·−–]+|\s(?:plus|minus|mal|times|moins)\s", re.IGNORECASE)
+OPERATORS = re.compile(r"[-+*/^|()±×·−–&~'′]+|\s(?:plus|minus|mal|times|moins)\s", re.IGNORECASE)
 FUNCTIONS = ("abs", "cos", "minus", "neg", "rad2deg", "deg2rad", "sin", "sum", "tan")
 APPLIED = re.compile(rf"(?:{'|'.join(FUNCTIONS)})\s*\(.*\)", re.IGNORECASE)
 """How a column is written that is computed of joints: `A2+A3`, `J1*2`, `sin(J1)`."""

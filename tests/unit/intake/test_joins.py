@@ -293,7 +293,7 @@ def test_another_quantity_of_a_joint_is_no_position(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "head", ["J1+J2", "J2-J1 [deg]", "-J2_deg", "J2*2", "2·J2", "q_J1+q_J2", "sin(J2)", "Axis 1 / J2"]
+    "head", ["J1+J2", "J2-J1 [deg]", "-J2_deg", "J2*2", "2·J2", "q_J1+q_J2", "sin(J2)", "Axis 1 / J2", "J1&J2", "J2'"]
 )
 def test_a_column_computed_of_joints_is_none(tmp_path: Path, head: str) -> None:
     """It was a covariate, and the arm had a joint less."""
