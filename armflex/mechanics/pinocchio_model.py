@@ -8,6 +8,7 @@ chain's order. `tests/referee/test_robot.py` holds the result against Pinocchio'
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
@@ -146,7 +147,7 @@ def build_model(
 
 def carrying(flex: FlexModel, payload: pin.Inertia | None, gravity: Array) -> FlexModel:
     """Return a copy of a model with a payload, an inertia in the tip frame, at its tip, under (3,) gravity [m/s^2]."""
-    model, tip = pin.Model(flex.model), flex.model.frames[flex.tip]
+    model, tip = copy(flex.model), flex.model.frames[flex.tip]
     model.gravity.linear = gravity
     if payload is not None:
         model.appendBodyToJoint(tip.parentJoint, payload, tip.placement)
