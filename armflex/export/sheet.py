@@ -249,9 +249,10 @@ def uncertainties(
 ) -> tuple[dict[Key, float], tuple[str, ...]]:
     """Return the standard uncertainty of each number that has one, and warnings about them."""
     fitted_groups, stds = arm.certainty.groups if arm.certainty else (), {}
+    row = Row(arm.robot.home, arm.joint_index)
     declared = {flexure.name: flexure.law for flexure in arm.flexures if fitted_group(flexure) not in fitted_groups}
     for key, (compliance, axis) in _compliances(with_constants(arm)).items():
-        law, row = declared.get(key.of), Row(arm.robot.home, arm.joint_index)
+        law = declared.get(key.of)
         covariance = None if law is None else law.covariance(axis, row)
         if law is not None and covariance is not None:
             if (scatter := law.scatter(axis, row)) is not None:  # by which a reading of a bench is off, not the law

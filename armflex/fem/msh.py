@@ -5,7 +5,7 @@ What a binary file has becomes the rows that a text has, so that one reader judg
 
 import re
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -177,21 +177,22 @@ class _Binary:
                 self.take("i", self.take("Q")[0][0] if dimension else 0)
 
     def nodes_4(self) -> Iterator[str]:
-        (counts,) = self.take("4Q")
-        yield from _texts([counts])
-        for _ in range(counts[0]):
-            (block,) = self.take("3iQ")
-            yield from _texts([block])
-            width = 3 + max(block[0], 0) * bool(block[2])  # parameters of a curve or a surface beside the place
-            yield from _texts([*self.take("Q", block[3]), *self.take(f"{width}d", block[3])])
+        def rows(dimension: int, parametric: int, count: int) -> list[tuple]:
+            width = 3 + max(dimension, 0) * bool(parametric)  # parameters of a curve or a surface beside the place
+            return [*self.take("Q", count), *self.take(f"{width}d", count)]
+
+        return self.blocks(lambda block: rows(block[0], block[2], block[3]))
 
     def elements_4(self) -> Iterator[str]:
+        return self.blocks(lambda block: self.take(f"{1 + _shape(self.draft, 0, block[2])[1]}Q", block[3]))
+
+    def blocks(self, rows_of: Callable[[tuple], list[tuple]]) -> Iterator[str]:
+        """Yield the counts of a section, and every block's four numbers with its rows behind them."""
         (counts,) = self.take("4Q")
         yield from _texts([counts])
         for _ in range(counts[0]):
             (block,) = self.take("3iQ")
-            yield from _texts([block])
-            yield from _texts(self.take(f"{1 + _shape(self.draft, 0, block[2])[1]}Q", block[3]))
+            yield from _texts([block, *rows_of(block)])
 
 
 def _texts(rows: list[tuple]) -> Iterator[str]:

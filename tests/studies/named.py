@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from support.scoring import Score, score
 
 
-def is_named(found: Score) -> bool:
+def is_named_alone(found: Score) -> bool:
     """The hidden effect alone, and other poses as well as the noise allows, which a random cause does not predict."""
     predicts = found.after < 1.08 * found.floor and found.after < found.before
     return found.verdict == "exact" and (predicts or found.kind == "random_pose")
@@ -83,7 +83,7 @@ class Case:
     kind: str
     seed: int
     arm: str
-    holds: Callable[[Score], bool] = is_named
+    holds: Callable[[Score], bool] = is_named_alone
     why: str = ""
     size: float = 1.0
     kept: bool = False
