@@ -2,6 +2,7 @@
 
 import ctypes
 import gc
+import os
 import resource
 import sys
 from collections.abc import Iterator
@@ -12,6 +13,9 @@ import pytest
 
 from armflex.cli import terminal
 
+# Where bytecode is not kept, every worker and every command that a test starts compiles the package and the tests anew.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 # A machine that is busy fails no test; `make fuzz` draws more than a suite has time for.
 hypothesis.settings.register_profile("armflex", deadline=None, max_examples=40)
 hypothesis.settings.load_profile("armflex")

@@ -67,9 +67,6 @@ def files() -> dict[str, dict[str, bytes]]:
     return found
 
 
-NAMES = sorted(files())
-
-
 class Spoilt(bytes):
     """What is not printed where a case fails: a recording is long."""
 
@@ -80,8 +77,9 @@ class Spoilt(bytes):
 @st.composite
 def spoilt(draw: st.DrawFn) -> tuple[str, bytes]:
     """Return which files, and the first of them spoilt: its bytes, or the first of other files in its place."""
-    which = draw(st.sampled_from(NAMES))
-    other = next(iter(files()[draw(st.sampled_from(NAMES)) if draw(st.integers(0, 9)) == 0 else which].values()))
+    names = sorted(files())
+    which = draw(st.sampled_from(names))
+    other = next(iter(files()[draw(st.sampled_from(names)) if draw(st.integers(0, 9)) == 0 else which].values()))
     return which, Spoilt(draw(mutated_bytes(other)))
 
 

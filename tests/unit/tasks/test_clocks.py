@@ -377,7 +377,7 @@ def edits() -> Iterator[tuple[str, str, str]]:
     yield "seen = { time = [0.0, 1950.0] }", "earlier = true", "must have its first and last moment"
 
 
-@pytest.mark.parametrize(("old", "new", "text"), edits())
+@pytest.mark.parametrize(("old", "new", "text"), [*edits()])
 def test_a_clock_that_is_none_is_named(folder: Path, tmp_path: Path, old: str, new: str, text: str) -> None:
     (tmp_path / "r.urdf").write_text(three_joint_plant.URDF)
     written = (folder / "slip.toml").read_text()

@@ -5,6 +5,7 @@ import signal
 from collections.abc import Iterator
 from dataclasses import fields
 from functools import partial
+from typing import Any
 
 import joblib
 import numpy as np
@@ -23,12 +24,11 @@ pytestmark = pytest.mark.slow
 ROWS = 80
 """Of a map, in pieces of four: more than two workers finish before one of them is killed."""
 
-distributed = pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
-
 
 @pytest.fixture(scope="module")
-def cluster() -> Iterator[distributed.Client]:
+def cluster() -> Iterator[Any]:
     """Two worker processes of one thread each, as on two machines; dead ones are started again."""
+    distributed = pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
     with (
         distributed.LocalCluster(2, threads_per_worker=1, processes=True, dashboard_address=None) as workers,
         distributed.Client(workers) as client,
