@@ -1,18 +1,15 @@
 """Times of rows: numbers in any unit, stamps, a clock's hours and minutes; a unit that is stated nowhere."""
 
-from __future__ import annotations
-
 import re
-from collections.abc import Sequence
-from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import shown
-from armflex.intake.meanings import BY_SIZE, EITHER, TIME_UNITS, UNTIL, Meaning
-from armflex.intake.sources import SourceTable, numbers
+from armflex.intake.meanings import BY_SIZE, EITHER, TIME_UNITS, UNTIL
+from armflex.intake.record import Record
+from armflex.intake.sources import numbers
 from armflex.intake.streams import DENSE, SLOWEST, is_sampled, spread
 
 CLOCK = re.compile(
@@ -36,13 +33,9 @@ COUNTED = ("ms", "us", "ns")
 """Units that a clock may count without saying so, each where the next larger one would be beyond `DENSE`."""
 
 
-def times(source: SourceTable, meant: Sequence[Meaning]) -> Array | None:
-    """Return times [s]: numbers, stamps, or a clock's with the day beside it; None where none can be read."""
-    of_name = {
-        meaning.name: (meaning, cells)
-        for meaning, cells in zip(meant, source.columns, strict=True)
-        if meaning.kind == "time"
-    }
+def times(record: Record) -> Array | None:
+    """Return (N,) times [s]: numbers, stamps, or a clock's with the day beside it; None where none can be read."""
+    of_name = {meaning.name: (meaning, cells) for meaning, cells in record.of("time")}
     if "time" not in of_name:
         return None
     meaning, cells = of_name["time"]
@@ -62,72 +55,67 @@ def times(source: SourceTable, meant: Sequence[Meaning]) -> Array | None:
     return seconds
 
 
-def unread(source: SourceTable, meant: Sequence[Meaning]) -> str:
+def unread(record: Record) -> str:
     """Return which column of times has what is none that is known, and such a cell; '' where there is none."""
-    of_name = {one.name: (one, cells) for one, cells in zip(meant, source.columns, strict=True) if one.kind == "time"}
-    if "time" not in of_name or times(source, meant) is not None:
+    of_name = {meaning.name: (meaning, cells) for meaning, cells in record.of("time")}
+    if "time" not in of_name or times(record) is not None:
         return ""
     meaning, cells = of_name["time"]
     cell = next((str(cell) for cell in cells if _seconds(str(cell)) is None), str(cells[0]))
     return f"{meaning.column!r} has {shown(cell, 30)}, which is no time that is known"
 
 
-def counted(source: SourceTable, meant: Sequence[Meaning], moved: Array, unit: str) -> tuple[Meaning, ...]:
-    """Return what a file's columns are, with the unit in which its clock counts where that is stated nowhere.
+def counted(record: Record, moved: Array, unit: str) -> Record:
+    """Return a file with the unit in which its clock counts, where that is stated nowhere.
 
     Steps of 20 are 20 s between poses, or 20 ms between samples of a motion: in the latter the arm stands for many
     rows, and moves over several.
 
     Args:
-        source: The file.
-        meant: What its columns are.
+        record: The file.
         moved: (N, d) what moves in it, in `unit`.
         unit: "rad" or "m".
     """
-    at = next((i for i, meaning in enumerate(meant) if (meaning.kind, meaning.name) == ("time", "time")), None)
-    if (
-        at is None
-        or (meant[at].unit and meant[at].why != BY_SIZE)
-        or not np.isfinite(numbers(source.columns[at])).any()
-    ):
-        return tuple(meant)
-    raw = spread(numbers(source.columns[at]))
+    clock, cells = next(((one, cells) for one, cells in record.of("time") if one.name == "time"), (None, ()))
+    written = numbers(cells)
+    if clock is None or (clock.unit and clock.why != BY_SIZE) or not np.isfinite(written).any():
+        return record
+    raw = spread(written)
     steps = np.abs(np.diff(raw[np.isfinite(raw)]))
     step = float(np.median(steps)) if len(steps) else 0.0
-    if step * TIME_UNITS[meant[at].unit or "s"] <= DENSE:
-        return tuple(meant)
+    if step * TIME_UNITS[clock.unit or "s"] <= DENSE:
+        return record
     for name in COUNTED:
         if np.nanmax(raw) * TIME_UNITS[name] > UNTIL:
             continue
         if DENSE < step <= DENSE / TIME_UNITS[name] and is_sampled(raw * TIME_UNITS[name], moved, unit):
-            why = f"steps of {step:.4g}: samples of a motion"
-            return (*meant[:at], replace(meant[at], unit=name, why=why), *meant[at + 1 :])
-    whole = np.array_equal(written := numbers(source.columns[at]), np.round(written))  # it counts
+            return record.where(lambda one: one is clock, unit=name, why=f"steps of {step:.4g}: samples of a motion")
+    whole = np.array_equal(written, np.round(written))  # it counts
     if whole and step * TIME_UNITS["cs"] <= DENSE and is_sampled(raw * TIME_UNITS["cs"], moved, unit):
-        return (*meant[:at], replace(meant[at], unit=None), *meant[at + 1 :])
-    return tuple(meant)
+        return record.where(lambda one: one is clock, unit=None)
+    return record
 
 
-def doubt(source: SourceTable, meant: Sequence[Meaning]) -> str:
+def doubt(record: Record) -> str:
     """Return why the times of a file are of no clock that is known, as its unit is stated nowhere."""
-    clock, time = next((one for one in meant if (one.kind, one.name) == ("time", "time")), None), times(source, meant)
+    clock, time = next((one for one, _ in record.of("time") if one.name == "time"), None), times(record)
     if clock is None or time is None or not (read := np.isfinite(time)).any():
         return ""
     if clock.why == EITHER:
         text = f"is {EITHER}: --take '{clock.column}=time_s' or '{clock.column}=temperature'"
-        return f"{source.path}: {clock.column!r} {text}"
+        return f"{record.path}: {clock.column!r} {text}"
     if clock.unit is None:
         text = f"counts seconds, or hundredths of one: --take '{clock.column}=time_s' or '{clock.column}=time_cs'"
-        return f"{source.path}: {clock.column!r} {text}"
+        return f"{record.path}: {clock.column!r} {text}"
     steps = np.diff(np.unique(time[read]))
     step, last = float(np.median(steps)) if len(steps) else 1.0, float(time[read].max())
     if step <= SLOWEST and (lasts := float(np.ptp(time[read]))) > LONGEST:
         text = f"goes over {lasts / 86400.0:.4g} days in steps of {step:.3g} s"
-        return f"{source.path}: {clock.column!r} {text}: are all of one clock?"
+        return f"{record.path}: {clock.column!r} {text}: are all of one clock?"
     if clock.unit or (last <= UNTIL and step >= FASTEST):
         return ""
     text = f"is {last:.6g}, no time since 1970 in any unit" if last > UNTIL else f"has steps of {step:.3g} s"
-    return f"{source.path}: {clock.column!r} {text}: convert it to s, or --take '{clock.column}=time_ms' says its unit"
+    return f"{record.path}: {clock.column!r} {text}: convert it to s, or --take '{clock.column}=time_ms' says its unit"
 
 
 def goes_back(time: Array, values: Array) -> int | None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from armflex.conventions import NUMBER, Array
 from armflex.errors import Place, TableError, listing, shown
-from armflex.intake.sources import NO_READING, Cells, SourceTable, numbers
+from armflex.intake.sources import NO_READING, Cells, Source, SourceTable, numbers
 
 if TYPE_CHECKING:
     from armflex.intake.meanings import Meaning
@@ -77,7 +77,7 @@ def lost(places: Array) -> np.ndarray:
     return gone
 
 
-def without_lost(source: SourceTable, meant: Sequence[Meaning], counted: bool = True) -> SourceTable:
+def without_lost(source: Source, meant: Sequence[Meaning], counted: bool = True) -> Source:
     """Return a file whose coordinates and orientations are empty where its target was lost; a note says how often.
 
     Args:
@@ -150,7 +150,7 @@ def _is_read(kind: str | None, cell: str) -> bool | None:
     return False if NOT_READ.fullmatch(cell) else None
 
 
-def emptied(source: SourceTable, meant: Sequence[Meaning], gone: np.ndarray, why: str) -> SourceTable:
+def emptied(source: Source, meant: Sequence[Meaning], gone: np.ndarray, why: str) -> Source:
     """Return a file whose coordinates and orientations are empty in (N,) rows; a note says how many and why."""
     at = {meaning.name: i for i, meaning in enumerate(meant) if meaning.kind in ("coordinate", "turn")}
     cells = [source.columns[at[axis]] for axis in "xyz"]

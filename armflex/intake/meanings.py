@@ -204,6 +204,13 @@ BEHIND = re.compile(
 
 COUNTS = "counts the rows"
 
+CIRCUMSTANCE = re.compile(
+    r".*(?:temp|mass|gewicht|weight|humid|feucht|press|druck|operator|bediener).*"
+    r"|(?:.*[\W_])?(?:(?:pay)?load|\w*last)(?:[\W_].*)?",
+    re.IGNORECASE,
+)
+"""Names of what an instrument's program, or a recording, has beside readings and may be a cause of the arm's errors."""
+
 
 @dataclass(frozen=True)
 class Meaning:
@@ -222,6 +229,10 @@ class Meaning:
     name: str
     unit: str | None
     why: str
+
+    def is_signal(self) -> bool:
+        """Return whether it stands beside readings and is no cause of the arm's errors: by its name, if not asked."""
+        return self.kind == "covariate" and self.why != "as asked" and not CIRCUMSTANCE.fullmatch(self.name)
 
 
 def meanings(

@@ -12,10 +12,8 @@ observation, and END; `!` and `;` begin comments. Observations are
 An equatorial mount is one whose base looks at the pole: hour angle and declination are its azimuth and elevation.
 """
 
-from __future__ import annotations
-
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -23,7 +21,8 @@ from typing import Any
 import numpy as np
 
 from armflex.conventions import NUMBER, STANDARD_GRAVITY, Array
-from armflex.errors import InputError, Place, TableError, listing, shown
+from armflex.errors import InputError, ManyErrors, Place, TableError, listing, shown
+from armflex.intake.campaign import Intake
 from armflex.measured.table import text_lines
 
 COMMENT = re.compile(r"[!;]")
@@ -110,7 +109,7 @@ def is_pointing(path: Path) -> bool:
     return len(kept) > 2 and len(_latitude(kept[1])) >= 3 and len(_numbers(kept[2])) >= 12
 
 
-def read_pointing(path: Path) -> Run:
+def _read_run(path: Path) -> Run:
     """Read a pointing run.
 
     Raises:
@@ -306,7 +305,47 @@ def _read_records(path: Path, lines: Sequence[str]) -> Run:
     return Run(path, MOUNTS["ALTAZ"], lines_of, angles[:, 0], angles[:, 1], names, time, notes=tuple(notes))
 
 
-def instrument_text(run: Run) -> str:
+def joined_runs(paths: Sequence[Path], taken: Mapping[str, str], sigma: float | None) -> Intake:
+    """Return pointing runs as one campaign, each a session where they are several.
+
+    Args:
+        paths: The files, a run among them.
+        taken, sigma: What is asked of other files.
+
+    Raises:
+        InputError: Not all are runs of one mount, or something is asked that runs say themselves.
+        ManyErrors: With what is wrong in each.
+    """
+    runs, read, wrong = [path for path in paths if is_pointing(path)], list[Run](), list[str]()
+    if others := [str(path) for path in paths if path not in runs]:
+        raise InputError(f"{runs[0]} is a pointing run, a campaign by itself: {listing(others)} cannot be joined to it")
+    if taken or sigma is not None:
+        text = "its columns and units are known; how well a direction is known is `sigma` of [instrument.star]"
+        raise InputError(f"{runs[0]} is a pointing run: leave out --{'take' if taken else 'sigma'}, {text}")
+    for path in runs:
+        try:
+            read.append(_read_run(path))
+        except TableError as error:
+            wrong.append(str(error))
+    if wrong:
+        raise ManyErrors(wrong)
+    if len({run.joints for run in read}) > 1:
+        raise InputError(f"{listing(map(str, runs))} are of mounts with different axes: give those of one mount")
+    every = [run.columns for run in read]
+    shared = [name for name in every[0] if all(name in columns_of for columns_of in every)]
+    columns: dict[str, Sequence[Any]] = {
+        name: [cell for columns_of in every for cell in columns_of[name]] for name in shared
+    }
+    if len(read) > 1:
+        columns["session"] = [run.path.stem for run in read for _ in run.lines]
+        columns["pose"] = [f"{run.path.stem} {name}" for run in read for name in run.names]
+    table = tuple(meaning for run in read for meaning in _meanings(run))
+    notes, lines = tuple(note for run in read for note in run.notes), tuple(line for run in read for line in run.lines)
+    how = "to nothing: a row has star and axes"
+    return Intake(columns, table, how, _instrument_text(read[0]), notes, lines, read[0].path, _mount_text(read[0]))
+
+
+def _instrument_text(run: Run) -> str:
     """Return the table of an arm file for what a run reads."""
     lines = [
         f"[instrument.{STAR}]",
@@ -320,7 +359,7 @@ def instrument_text(run: Run) -> str:
     return "\n".join([*lines, "sigma = 5e-6               # rad on the sky, 1 arcsec"])
 
 
-def mount_text(run: Run) -> str:
+def _mount_text(run: Run) -> str:
     """Return an arm file of a mount with the two axes of a run; of an equatorial one the base's z is at the pole.
 
     Raises:
@@ -342,7 +381,7 @@ def mount_text(run: Run) -> str:
     ]
     lines += ["[flexure.tube]", f'joint = "{second}"', "compliance = [0, 0, 0, 1e-6, 1e-6, 1e-6]   # rad/Nm: yours", ""]
     lines += [
-        instrument_text(run),
+        _instrument_text(run),
         "",
         "[prior]",
         f"joint_offset = {_offset(run):.1g}",
@@ -358,7 +397,7 @@ def _offset(run: Run) -> float:
     return float(max(USUAL_OFFSET, 2.0 * np.abs(np.median(apart, axis=0)).max()))
 
 
-def meanings_of(run: Run) -> Iterator[tuple[str, str, str, str, str]]:
+def _meanings(run: Run) -> Iterator[tuple[str, str, str, str, str]]:
     """Yield file, column, what it is, unit and why, of what a run has."""
     name, (first, second) = run.path.name, run.joints
     title = "TPOINT's form" if run.latitude is not None else "the MMT's records"

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
@@ -100,6 +100,10 @@ class SourceTable:
     def title(self) -> str:
         """The file's name and the part of it."""
         return f"{self.path.name} {self.part}".strip()
+
+
+Source = TypeVar("Source", bound=SourceTable)
+"""A source table, or one that is understood."""
 
 
 def numbers(cells: Cells) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import InputError
-from armflex.intake.sources import Cells, SourceTable, numbers
+from armflex.intake.sources import Cells, Source, numbers
 
 DENSE = 0.25
 """Median step [s] up to which rows are samples of a recording, and not one row for each pose."""
@@ -306,7 +306,7 @@ def unsteady(time: Array, places: Array, spans: Array) -> np.ndarray:
     return gone
 
 
-def reduced(source: SourceTable, time: Array, spans: Array, shift: float) -> SourceTable:
+def reduced(source: Source, time: Array, spans: Array, shift: float) -> Source:
     """Return a recording as one row for each span: means of numbers, the first of texts; spans without samples empty.
 
     `shift` is how much its clock is ahead of that of the spans [s].

@@ -13,7 +13,7 @@ from support import recordings
 from support.exports import EXPORTS, LOGS
 
 from armflex.intake import intake
-from armflex.intake.join import Intake
+from armflex.intake.campaign import Intake
 
 
 def workbook(text: str) -> bytes:

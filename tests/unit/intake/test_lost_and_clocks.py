@@ -12,7 +12,7 @@ from support.recordings import NAMES, POSES, SEEN, TT, TURNED, XYZ, Q, T, bag, c
 
 from armflex.errors import InputError, ManyErrors, TableError
 from armflex.intake import intake
-from armflex.intake.join import Intake
+from armflex.intake.campaign import Intake
 from armflex.intake.lost import lost
 
 MM = 1e3 * SEEN

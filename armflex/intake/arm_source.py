@@ -1,0 +1,133 @@
+"""What of the files describes the arm, a URDF or a table of DH parameters: its joints, and the arm file of both."""
+
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from armflex.errors import ManyErrors, Place, TableError, UnknownNameError, UrdfError, listing
+from armflex.files.arm_file import ROBOTS
+from armflex.intake.campaign import Intake
+from armflex.intake.dh import UPRIGHT, DhTable, arm_text, is_dh, read_dh
+from armflex.intake.meanings import SETS, Ask
+from armflex.intake.record import Record
+from armflex.intake.sources import SourceTable
+from armflex.measured.points import LENGTHS
+from armflex.robot.robot import Robot, load_robot
+
+
+@dataclass(frozen=True, eq=False)
+class ArmSource:
+    """What describes the arm, if anything.
+
+    Attributes:
+        robot: Of a URDF.
+        table, dh: Of DH parameters, and what they are.
+    """
+
+    robot: Robot | None = None
+    table: SourceTable | None = None
+    dh: DhTable | None = None
+
+    @property
+    def joints(self) -> list[str]:
+        """Names of the robot's joints, base to tip."""
+        return [] if self.robot is None else [joint.name for joint in self.robot.moving]
+
+    @property
+    def slides(self) -> list[str]:
+        """Those of them that are lengths."""
+        return [] if self.robot is None else [one.name for one in self.robot.moving if one.kind == "prismatic"]
+
+    def named(self, log: Record) -> tuple[Record, list[str]]:
+        """Return a log with its joints as the robot's file calls them, and what is wrong.
+
+        Joints that a controller only numbers are those of the file, base to tip.
+        """
+        if self.robot is None:
+            return log, []
+        joints, moving, file = [one for one, _ in log.of("joint")], self.joints, self.robot.urdf.path.name
+        for one in joints:
+            slides = one.name in self.slides
+            if one.name in moving and one.unit not in (None, "rad") and (one.unit in LENGTHS) != slides:
+                text = f"column {one.column!r} is in {one.unit}, and joint {one.name!r} of {file}"
+                return log, [f"{text} {'slides' if slides else 'turns'}"]
+        named = [one.name for one in joints]
+        if set(moving) <= set(named):
+            why = "no joint between base and tip"
+            beside = [one for one in joints if one.name not in moving]
+            return log.where(beside.__contains__, kind="unused", unit="", why=why), []
+        counts = [(match := re.fullmatch(r"\D*?(\d)", name)) and int(match[1]) for name in named]
+        if names := next((names for _, names in SETS if {*names} == {*named}), None):
+            counts = [names.index(name) for name in named]
+        if counts not in (list(range(1, len(moving) + 1)), list(range(len(moving)))):
+            text = f"the log has joints {listing(named)}, and {file} has {listing(moving)}"
+            return log, [f"{text}: --take 'COLUMN=q_{moving[0]}'"]
+        by = dict(zip(named, moving, strict=True))
+        meant = (replace(one, name=by[one.name]) if one.kind == "joint" else one for one in log.meant)
+        return replace(log, meant=tuple(meant)), []
+
+    def described(self, joined: Intake, beside: Path, tracked: bool) -> Intake:
+        """Return a campaign with the arm file, where anything describes the arm.
+
+        Args:
+            joined: The campaign.
+            beside: Its folder.
+            tracked: Whether its first target is read.
+
+        Raises:
+            TableError: The table has more or fewer rows than the log has joints.
+        """
+        if self.robot is None:
+            return joined if self.table is None or self.dh is None else _by_dh(joined, self.table, self.dh, tracked)
+        urdf = Path(os.path.relpath(self.robot.urdf.path, beside)).as_posix()
+        lines = ["[robot]", f'urdf = "{urdf}"', f'tip = "{self.robot.tip}"', UPRIGHT]
+        lines += ["allow_massless = true"] if any(flag.code == "massless" for flag in self.robot.flags) else []
+        return replace(joined, arm=arm_text(lines, self.robot.tip, joined.declare, tracked))
+
+
+def arm_source(
+    paths: Sequence[Path],
+    sources: Sequence[SourceTable],
+    dh: str | None,
+    ask: Ask | None,
+    tip: str | None,
+    asked: Mapping[str, str],
+) -> tuple[ArmSource, list[str]]:
+    """Return what of the files describes the arm, and what is wrong with it; see `intake` for what is asked."""
+    robots, wrong, arm = [path for path in paths if path.suffix.lower() in ROBOTS], list[str](), ArmSource()
+    table = next((source for source in sources if is_dh(source)), None)
+    try:
+        arm = ArmSource(table=table)
+        unused = [name for name, meaning in asked.items() if meaning == "unused"]
+        arm = replace(arm, dh=None if table is None else read_dh(table, dh, ask, unused))
+        arm = replace(arm, robot=load_robot(robots[0], tip, allow_massless=True) if robots else None)
+    except (TableError, ManyErrors, UrdfError, UnknownNameError) as error:
+        wrong += str(error).splitlines()
+    if len(robots) + (table is not None) > 1:
+        wrong.append("several files describe the arm: give one URDF, or one table of DH parameters")
+    return arm, wrong
+
+
+def _by_dh(joined: Intake, table: SourceTable, arm: DhTable, tracked: bool) -> Intake:
+    """Return a campaign with the arm file of a table of DH parameters, whose rows are the log's joints."""
+    joints, notes = [name.removeprefix("q_") for name in joined.columns if name.startswith("q_")], joined.notes
+    if names := next((names for _, names in SETS if {*names} == {*joints}), None):  # ROS sorts them by name
+        joints = list(names)
+    elif len({joint.rstrip("0123456789") for joint in joints}) == 1 and all(joint[-1:].isdigit() for joint in joints):
+        joints.sort(key=lambda joint: int(re.findall(r"\d+", joint)[-1]))
+    else:
+        notes = (*notes, f"the rows of {table.title} are {listing(joints)}")
+    if len(joints) != len(arm.rows):
+        text = f"has {len(arm.rows)} rows, and the log {len(joints)} joints: {listing(joints)}"
+        raise TableError(Place(table.path), text)
+    units = {what.removeprefix("joint "): (column, unit) for _, column, what, unit, _ in joined.taken}
+    for row, (name, slides) in enumerate(zip(joints, arm.slides, strict=True)):
+        column, unit = units.get(name, (name, "rad"))
+        if unit != "rad" and (unit in LENGTHS) != slides:
+            text = f"joint {name!r} {'slides' if slides else 'turns'}, and column {column!r} of the log is in {unit}"
+            raise TableError(Place(table.path, table.lines[row]), text)
+    taken = (*((table.title, *cells) for cells in arm.taken), *joined.taken)
+    text = arm_text(arm.lines(joints), "flange", joined.declare, tracked)
+    return replace(joined, taken=taken, notes=notes, arm=text)

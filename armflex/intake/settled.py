@@ -1,0 +1,237 @@
+"""What is wrong or open in one file: units that nobody states, cells that are no numbers, what no arm reaches."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from armflex.conventions import LARGEST, NUMBER, Array
+from armflex.errors import FEW, Place, TableError, listing
+from armflex.intake.clock import counted, doubt, times
+from armflex.intake.lost import without_lost
+from armflex.intake.meanings import (
+    ANGLE_UNITS,
+    ANGLES,
+    OUTER,
+    STEPS,
+    TIME_UNITS,
+    TURN,
+    VECTOR,
+    Ask,
+    Meaning,
+    polar,
+    stated,
+)
+from armflex.intake.record import Record
+from armflex.intake.sources import NO_READING, numbers, said
+from armflex.intake.standing import filled
+from armflex.intake.streams import is_dense, spread
+from armflex.measured.points import LENGTHS
+
+MOST_TURNS = 10.0
+"""No joint of an arm is turned further from its zero."""
+
+MOST_METRES = 1e4
+"""No place is further from where it is measured [m]: a total station reaches 3.5 km."""
+
+MOST_MOTION = 200.0
+"""No arm moves a target over more [m]: no structure of one is longer."""
+
+FRAMES = re.compile(
+    r"(?:(?:coord\w*|ref(?:erence)?|work(?:ing)?)[ _]?)?(?:frame|system|c?sys|ucs)(?:[ _]?(?:id|name))?"
+    r"|\w*(?:koordinaten|bezugs)system",
+    re.IGNORECASE,
+)
+"""Header of a column that says in which frame a place is."""
+
+WORDS = {
+    "joint": "joint {}",
+    "coordinate": "measured {}",
+    "turn": "measured orientation {}",
+    "picture": "picture of {}",
+    "name": "name of the row or point",
+    "covariate": "a covariate",
+    "unused": "not used",
+}
+KNOWN = {"joint": ANGLE_UNITS | LENGTHS, "coordinate": LENGTHS, "turn": ANGLE_UNITS, "time": TIME_UNITS}
+"""Units in which a column of a kind may be."""
+
+
+def in_words(meaning: Meaning) -> str:
+    """Return what a column is."""
+    return WORDS.get(meaning.kind, "{}").format(meaning.name)
+
+
+def settled(record: Record, ask: Ask | None, slides: Sequence[str], placed: bool) -> tuple[Record, list[str]]:
+    """Return a file with every open unit settled and lost targets left out, and what is wrong with it.
+
+    Args:
+        record: The file.
+        ask: Asks for a unit that is open; one is an error where not given.
+        slides: Names of joints that are lengths.
+        placed: Whether its places count.
+    """
+    wrong, sampled = list[str](), False
+    try:
+        record = without_lost(record, record.meant, record.role != "log") if placed else record
+    except TableError as error:
+        wrong.append(str(error))
+    record, about = _with_units(record, ask, slides)
+    about += _twice(record)
+    if not about and (record.has("joint") or record.has("coordinate")):
+        values, unit = filled(record).moved
+        record = counted(record, values, unit)
+        about += filter(None, [doubt(record)])
+        time = times(record) if not about else None
+        sampled = time is not None and is_dense(spread(time), values, unit)  # a row may be of one topic among several
+    return record, [*wrong, *about, *_no_numbers(record, sampled), *(_frames(record) if placed else ())]
+
+
+def _as(meaning: Meaning, unit: str) -> str:
+    base = f"q_{meaning.name}" if meaning.kind == "joint" else meaning.name
+    return f"{base}_{unit}"
+
+
+def _with_units(record: Record, ask: Ask | None, slides: Sequence[str]) -> tuple[Record, list[str]]:
+    """Return a file with the units that are stated nowhere as answered, and what is wrong with others."""
+    meant, wrong, answers = [], list[str](), dict[tuple[str, tuple[str, ...]], str]()
+    for one in record.meant:
+        if one.kind in ("joint", "coordinate", "turn") and one.unit is None:
+            length = one.kind == "coordinate" or (one.kind == "joint" and one.name in slides)
+            choices = ("mm", "m", "inch") if length else ("mm", "deg") if one.why == OUTER else ("deg", "rad")
+            kind = (one.kind, choices)
+            if ask is not None and kind not in answers:
+                answers[kind] = ask(f"{record.path.name}: in which unit is {one.column!r}, and all like it?", choices)
+            if kind in answers:
+                one = replace(one, unit=answers[kind], why="as answered")
+            else:
+                several = listing(stated(record)) if one.kind == "coordinate" else ""
+                text = f"is stated as {several}" if several else "is stated nowhere"
+                text = f"{record.path}: the unit of column {one.column!r} {text}:"
+                wrong.append(f"{text} --take '{one.column}={_as(one, choices[0])}' or ={_as(one, choices[1])}")
+        elif unknown := _unknown_unit(record, one):
+            wrong.append(unknown)
+            one = replace(one, unit="")
+        elif one.kind in ("coordinate", "joint") and one.why != "as asked":
+            units = LENGTHS if one.kind == "coordinate" else ANGLE_UNITS
+            others = stated(record, units) if one.unit in units else []
+            if others and not any(np.isclose(units[one.unit or ""], units[other]) for other in others):
+                text = f"{record.path}: {one.column!r} is in {one.unit}, and the file's head says {listing(others)}:"
+                wrong.append(f"{text} --take '{one.column}={_as(one, one.unit or '')}' if it is")
+        meant.append(one)
+    return replace(record, meant=tuple(meant)), wrong
+
+
+def _unknown_unit(record: Record, meaning: Meaning) -> str:
+    """Return what is wrong with the unit that a header states, nothing where it is known."""
+    known = KNOWN.get(meaning.kind, {})
+    if not meaning.unit or not known or meaning.unit in known:
+        return ""
+    if meaning.kind == "time" and not np.isfinite(numbers(record.columns[record.header.index(meaning.column)])).any():
+        return ""
+    if meaning.kind == "joint" and STEPS.fullmatch(meaning.unit):
+        text = f"column {meaning.column!r} is in {meaning.unit}, and how many are a turn, and which is 0, is in no file"
+        return f"{record.path}: {text}: convert it to degrees, as the drive's manual says"
+    text = f"column {meaning.column!r} is in {meaning.unit!r}, which is not known ({listing(known, 6)})"
+    return f"{record.path}: {text}: convert it, or --take '{meaning.column}={_as(meaning, 'UNIT')}'"
+
+
+def _twice(record: Record) -> list[str]:
+    """Return which columns are called alike, or are all the same."""
+    wrong = [f"{record.path}: two columns are called {name!r}: rename one"
+             for name in dict.fromkeys(record.header) if record.header.count(name) > 1]  # fmt: skip
+    for kind in ("joint", "coordinate", "turn", "name", "time"):
+        named = [meaning for meaning in record.meant if meaning.kind == kind]
+        for name in {meaning.name for meaning in named}:
+            alike = [meaning for meaning in named if meaning.name == name]
+            if len(alike) > 1:
+                columns = listing(repr(meaning.column) for meaning in alike)
+                wrong.append(f"{record.path}: columns {columns} are all {in_words(alike[0])}: --take one")
+    return wrong
+
+
+def _no_numbers(record: Record, sampled: bool) -> list[str]:
+    """Return what is wrong with cells of joints, places and times: no numbers, or such as no arm reaches."""
+    wrong = list[str]()
+    for one, cells in record.of("joint", "coordinate", "turn", "time"):
+        values = numbers(cells)
+        bad = np.abs(values) > LARGEST
+        if one.kind != "time" and not isinstance(cells, np.ndarray):
+            blank = one.kind in ("coordinate", "turn") or sampled
+            bad |= [not (NUMBER.fullmatch(cell) or (blank and NO_READING.fullmatch(cell))) for cell in cells]
+        if one.kind == "joint" and not (record.part or sampled):
+            bad |= np.isnan(values)
+        if bad.any():
+            at = int(bad.argmax())
+            place = Place(record.path, record.lines[at])
+            wrong.append(f"{place}: {one.column!r} is {said(str(cells[at]))}, expected a number")
+        elif one.kind != "time" and one.unit:
+            wrong += filter(None, [_implausible(record, one, values)])
+        if one.kind == "joint" and one.column in record.doubts:
+            wrong.append(f"{record.path}: {record.doubts[one.column]}")
+    return wrong
+
+
+def _implausible(record: Record, meaning: Meaning, values: Array) -> str:
+    """Return what is wrong with (N,) numbers of a joint, a place or a turn that no arm reaches, by line and column."""
+    turns = meaning.kind != "coordinate" and meaning.unit in ANGLE_UNITS
+    factor = (LENGTHS if meaning.kind == "coordinate" else LENGTHS | ANGLE_UNITS)[meaning.unit or ""]
+    size = np.abs(values) * factor
+    most = TURN if meaning.kind == "turn" else 2.0 * np.pi * MOST_TURNS
+    beyond = size > (most if turns else MOST_METRES)
+    if not beyond.any():
+        read = factor * values[np.isfinite(values)]
+        moves = 0.0 if turns or not len(read) else float(np.diff(np.quantile(read, [0.1, 0.9]))[0])
+        text = f"{meaning.column!r} in {meaning.unit} moves over {moves:.4g} m, and no arm does: is it in mm?"
+        remedy = f"--take '{meaning.column}={_as(meaning, 'mm')}'" if not record.part else "convert it"
+        return f"{record.path}: {text} {remedy}" if moves > MOST_MOTION else ""
+    at, count = int(beyond.argmax()), np.count_nonzero(beyond)
+    what = f"{size[at] / (2.0 * np.pi):.4g} turns" if turns else f"{1e-3 * size[at]:.4g} km"
+    more = f", and {count - 1} rows more" if count > 1 else ""
+    other = " or ".join(unit for unit in (("deg", "rad") if turns else ("mm", "m", "um")) if unit != meaning.unit)
+    text = f"{meaning.column!r} is {values[at]:.10g} {meaning.unit}, {what}{more}: no arm is there"
+    text = f"{Place(record.path, record.lines[at])}: {text}; empty it, or"
+    return f"{text} --take '{meaning.column}={_as(meaning, 'UNIT')}' ({other})"
+
+
+def _frames(record: Record) -> list[str]:
+    """Return what is wrong with places that a column says to be in several frames."""
+    wrong = list[str]()
+    for meaning, cells in record.of("covariate"):
+        if meaning.why == "as asked" or not FRAMES.fullmatch(meaning.column.strip()):
+            continue
+        frames = sorted({*map(str, cells)} - {""})
+        if len(frames) > 1 and not all(map(NUMBER.fullmatch, frames)):
+            text = f"{record.path}: {meaning.column!r} says that places are in {listing(map(said, frames), FEW)}:"
+            text += f" export them in one frame, or --take '{meaning.column}=session' where the instrument was set up"
+            wrong.append(f"{text} anew, '{meaning.column}=unused' where all are in one")
+    return wrong
+
+
+def no_place(record: Record, joints: bool) -> str:
+    """Return what is wrong with a file that has no places, nor `joints`; nothing where those are enough."""
+    if columns := polar(record.header):
+        named = ", ".join(f"{name} = {column!r}" for name, column in zip(("Hz", "V", "D"), columns, strict=True))
+        text = "has angles and a distance and no x y z: have coordinates exported, or compute columns"
+        text += " x = D sin V sin Hz, y = D sin V cos Hz, z = D cos V"
+        return f"{record.path}: {text} ({named}; V from the zenith, Hz clockwise, as a total station counts)"
+    text = f"{record.path}: neither joints nor x y z among its columns ({listing(record.header)})"
+    return "" if joints else f"{text}: --take COLUMN=q_J1_deg"
+
+
+def unturned(records: Sequence[Record]) -> list[str]:
+    """Return why no file has the orientation that --sigma-r is of, nothing where one has it."""
+    whole = ({"qw", "qx", "qy", "qz"}, {*VECTOR}, {*ANGLES})
+    if any({meaning.name for meaning, _ in record.of("turn")} >= names for record in records for names in whole):
+        return []
+    wrong = list[str]()
+    for record in records:
+        text = f"{record.path}: --sigma-r, and no orientation is read"
+        quaternion = [meaning for meaning in record.meant if meaning.name == "turn"]
+        wrong += [f"{text}: {meaning.column!r} is of {meaning.why}" for meaning in quaternion]
+        others = listing(repr(meaning.column) for meaning, _ in record.of("covariate", "unused", "turn"))
+        if not quaternion:
+            text += f" (other columns: {others}): a quaternion is qw qx qy qz; --take 'COLUMN=rx_deg', ry_deg, rz_deg"
+            wrong.append(f"{text} for a rotation vector, roll_deg, pitch_deg, yaw_deg for angles about fixed x, y, z")
+    return wrong
