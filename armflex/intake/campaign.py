@@ -161,7 +161,9 @@ def campaign(
     for name, values in joints.items():
         for i in np.flatnonzero(~np.isfinite(values))[:1]:
             raise TableError(Place(log.path, log.lines[i]), f"joint {name!r} has no position while the arm stands here")
-    placed = _Placed(list(map(str, log.cells("name") or range(1, len(log.lines) + 1))), notes=list(notes))
+    cells = log.cells("name")
+    names = range(1, len(log.lines) + 1) if cells is None else cells
+    placed = _Placed(list(map(str, names)), notes=list(notes))
     for export in points:
         own = Match({"": np.arange(len(placed.names))}, placed.names, "one file: row by row")
         match = own if export is log else matched(log, placed.names, export)
