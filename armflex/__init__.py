@@ -3,8 +3,6 @@
 A name is imported when it is first asked for: to load an arm and ask for its deflection needs nothing that fits one.
 """
 
-from __future__ import annotations
-
 import sys
 from importlib import import_module
 from types import ModuleType

@@ -3,8 +3,6 @@
 What was learned of laws, and an effect that was added, have blocks of their own; see `estimate.block`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby

@@ -19,8 +19,6 @@ thousand histories, counting all parameters and all moments at which one may jum
 as likely but for `DOUBT`, both are named.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

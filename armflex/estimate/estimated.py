@@ -5,8 +5,6 @@ placed with its target free; where the numbers leave least of the readings they 
 nearest unit, zero or ratio that people use. What is yielded is a hypothesis like every other: `misread` judges it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial

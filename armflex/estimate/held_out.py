@@ -1,7 +1,5 @@
 """Errors on rows held out from a fit, in the linear problem about it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate

@@ -1,7 +1,5 @@
 """What the data determine of each parameter, and what they do not."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 

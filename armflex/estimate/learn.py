@@ -5,8 +5,6 @@ deviation is the one under which the readings are most probable (MacKay 1992, "B
 squares over the number of values that the data determine), so that what a joint has not got costs nothing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

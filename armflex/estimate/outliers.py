@@ -5,8 +5,6 @@ an effect. One that stands alone is a lost beam, and is left out: it, not its ro
 So are two that stand in each other's place, whatever is beside them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations

@@ -1,7 +1,5 @@
 """Where the instrument stands, the one thing without a prior: a rigid fit of it, and whether readings determine it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any

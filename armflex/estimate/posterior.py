@@ -1,7 +1,5 @@
 """How uncertain predictions are because of what was fitted: C S C' at the asked rows, S the fit's covariance."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Whitened residuals, and how little a lost beam among them counts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from itertools import pairwise

@@ -4,8 +4,6 @@ The laws are followed exactly along their values; the loads on them stay those o
 change by what the arm gives more or less over its length. What else was fitted goes along in straight lines.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

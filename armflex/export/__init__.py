@@ -3,8 +3,6 @@
 A format refuses by name what it cannot carry, or says in `Exported.notes` what that amounts to.
 """
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -4,8 +4,6 @@ A chain comes to rest as `chain.c` beside this file says, an arm with loops, spr
 Laws reach a chain as terms; see `laws.terms`.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Names, numbers and tables as C has them."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """A path as robot controllers take it: joint moves in the units and the order of axes of each language."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 Every exporter and every page passes its names through here; tables do so in `measured.table.csv_text`, XML in lxml.
 """
 
-from __future__ import annotations
-
 import html
 import json
 import re

@@ -1,7 +1,5 @@
 """The calibrated arm without compliance: the frames of its joints, and what a file with only those leaves out."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Input shapers of the motions of a path as C99: when, and by which shares, a motion is given to the drives."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from armflex.arm import Arm

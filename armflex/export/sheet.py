@@ -10,8 +10,6 @@ the two differ only in the joint whose row the middle part is written in. Denavi
 nearly parallel axes that puts the common normal far away, so Hayati and Mirmirani (1985) have c = 0 instead.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace

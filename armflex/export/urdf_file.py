@@ -1,7 +1,5 @@
 """The arm as a URDF: the file it was declared by, with the geometry, joint zeros and masses that were found."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Container
 from pathlib import Path

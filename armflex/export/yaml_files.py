@@ -1,7 +1,5 @@
 """Calibrations as YAML that other programs read: `ur_calibration`'s and `robot_calibration`'s."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from hashlib import sha256

@@ -1,7 +1,5 @@
 """A table of Denavit-Hartenberg parameters, as data sheets and programs have it, as an arm file."""
 
-from __future__ import annotations
-
 import json
 import re
 import unicodedata

@@ -1,7 +1,5 @@
 """What each column of a file is: a joint, a coordinate, a name, a time, or something else that is kept."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -4,8 +4,6 @@ Programs write one name in many ways: P1, p1, P01, Pt_1, A::Main::P1, 1, 1.0. Na
 without capitals, separators and leading zeros; then by what counts in them, where all of a file have the same words.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Hashable, Sequence
 from typing import NamedTuple

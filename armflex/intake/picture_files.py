@@ -1,7 +1,5 @@
 """Pictures of a board, as a folder of files or a table of corners, as a source; and the camera that took them."""
 
-from __future__ import annotations
-
 import os
 import re
 import tomllib

@@ -4,8 +4,6 @@ A recording comes as one part for each of its topics, bodies or markers, with ti
 counts is chosen later.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from itertools import count

@@ -3,8 +3,6 @@
 What a program recorded by itself (a bag, a motion capture, a controller's trace) is read by `recordings`.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from collections import Counter

@@ -1,7 +1,5 @@
 """What a file must hold, declared: the arrays by shape, kind and bounds, and what JSON says beside them by type."""
 
-from __future__ import annotations
-
 import json
 import types
 from collections.abc import Callable, Collection, Mapping

@@ -1,7 +1,5 @@
 """Everything that a tracker has learnt from its readings, and the file that holds it; see `storage.array_file`."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
