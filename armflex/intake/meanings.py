@@ -1,8 +1,9 @@
 """What each column of a file is: a joint, a coordinate, a name, a time, or something else that is kept."""
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -246,7 +247,8 @@ def meanings(
     """
     comments = stated(source)
     comment = comments[0] if len(comments) == 1 else None
-    meant, parts, of_set = [], _parts_of_time(source), _of_set(source.header)
+    meant, parts, of_set = list[Meaning](), _parts_of_time(source), _of_set(source.header)
+    cells_of = dict(zip(source.header, source.columns, strict=False))
     for header, cells in zip(source.header, source.columns, strict=True):
         given = taken.get(header)
         meaning = parts.get(header) if given is None else None
@@ -254,82 +256,80 @@ def meanings(
             meaning = Meaning(header, "joint", header.removeprefix(RECORDED), "rad", "as ROS has it")
         text, called = of_set.get(header, (header, ()))
         meant.append(meaning or _meaning(given or text, header, cells, comment, given is not None, (*joints, *called)))
-    if any((meaning.kind, meaning.name) == ("time", "time") and meaning.column not in parts for meaning in meant):
-        meant = [replace(meaning, kind="unused", why="another is the time") if meaning.column in parts else meaning
-                 for meaning in meant]  # fmt: skip
-    if sum((meaning.kind, meaning.name) == ("time", "time") for meaning in meant) > 1:
-        meant = [replace(meaning, kind="covariate", name=_plain(meaning.column), unit="", why="another is the time")
-                 if meaning.why == EITHER else meaning for meaning in meant]  # fmt: skip
-    asked = {(meaning.kind, meaning.name) for meaning in meant if meaning.column in taken}
-    meant = [
-        replace(meaning, kind="unused", why="another is, as asked")
-        if (meaning.kind, meaning.name) in asked and meaning.column not in taken
-        else meaning
-        for meaning in meant
-    ]
-    clocks = [i for i, meaning in enumerate(meant) if meaning.kind == "time" and ":" in str(source.columns[i][0])]
+    meant = _one_clock(meant, parts)
+    asked = {(one.kind, one.name) for one in meant if one.column in taken}
+    twice = [one.column for one in meant if (one.kind, one.name) in asked and one.column not in taken]
+    meant = changed(meant, lambda one: one.column in twice, kind="unused", why="another is, as asked")
+    clocks = [one for one in meant if one.kind == "time" and ":" in str(cells_of[one.column][0])]
+    days = [one for one in meant if one.kind == "time" and DAY.match(str(cells_of[one.column][0]))]
     if len(clocks) == 1:  # a day in a column of its own
-        meant = [
-            replace(meaning, name="date")
-            if meaning.kind == "time" and i not in clocks and DAY.match(str(source.columns[i][0]))
-            else meaning
-            for i, meaning in enumerate(meant)
-        ]
+        meant = changed(meant, lambda one: one in days and one not in clocks, name="date")
     for i, one in enumerate(meant):
         values = numbers(source.columns[i]) if one.kind == "covariate" else np.zeros(0)
         if len(values) > 2 and (np.diff(values) == 1.0).all():
             kinds = {other.kind for other in meant}  # of a log without names
             role = {"kind": "name", "name": "pose"} if "joint" in kinds and "name" not in kinds else {"kind": "unused"}
             meant[i] = replace(one, **role, unit="", why=COUNTS)
-    axes = {meaning.name for meaning in meant if meaning.kind == "coordinate"}
-    of_turn = [meaning for meaning in meant if meaning.kind == "joint" and PART_OF_TURN.fullmatch(meaning.column)]
-    if axes == {"x", "y", "z"} and len(of_turn) <= 4:  # beside a place q1 .. q4 are a quaternion, whatever its length
-        meant = [replace(one, kind="covariate", name=_plain(one.column), unit="") if one in of_turn else one
+    if {one.name for one in meant if one.kind == "coordinate"} != {"x", "y", "z"}:  # an X of something else
+        meant = [_beside(one) if one.kind == "turn" else one for one in meant]
+        meant = [Meaning(one.column, "covariate", one.column, "", "a number") if one.kind == "coordinate" else one
                  for one in meant]  # fmt: skip
-    meant = (
-        _turned(source, meant)
-        if axes == {"x", "y", "z"}
-        else [
-            replace(meaning, kind="covariate", name=_plain(meaning.column), unit="")
-            if meaning.kind == "turn"
-            else meaning
-            for meaning in meant
-        ]
-    )
-    if axes != {"x", "y", "z"}:  # an X of something else
-        for i, meaning in enumerate(meant):
-            if meaning.kind == "coordinate":
-                meant[i] = Meaning(meaning.column, "covariate", meaning.column, "", "a number")
+    else:
+        of_turn = [one for one in meant if one.kind == "joint" and PART_OF_TURN.fullmatch(one.column)]
+        if len(of_turn) <= 4:  # beside a place q1 .. q4 are a quaternion, whatever its length
+            meant = [_beside(one) if one in of_turn else one for one in meant]
+        meant = _turned(source, meant)
     for i, one in enumerate(meant):  # where a joint is, beside where it was to be
         twin = [other for other in meant if (other.kind, other.name) == ("joint", one.name) and other is not one]
         if one.kind == "joint" and COMMANDED.search(one.column) and any(not COMMANDED.search(o.column) for o in twin):
             meant[i] = replace(one, kind="unused", unit="", why="commanded, and the position is there as well")
+    return tuple(_with_angles(source, meant, joints, slides))
+
+
+def changed(meant: Iterable[Meaning], which: Callable[[Meaning], bool], **changes: Any) -> list[Meaning]:
+    """Return what columns are, with changes of those that `which` chooses."""
+    return [replace(one, **changes) if which(one) else one for one in meant]
+
+
+def _beside(meaning: Meaning) -> Meaning:
+    return replace(meaning, kind="covariate", name=_plain(meaning.column), unit="")
+
+
+def _one_clock(meant: list[Meaning], parts: Mapping[str, Meaning]) -> list[Meaning]:
+    """Return what columns are where several may be the time: not one in parts, nor a `T`, where there is another."""
+    if any((one.kind, one.name) == ("time", "time") and one.column not in parts for one in meant):
+        meant = changed(meant, lambda one: one.column in parts, kind="unused", why="another is the time")
+    if sum((one.kind, one.name) == ("time", "time") for one in meant) > 1:
+        meant = [replace(_beside(one), why="another is the time") if one.why == EITHER else one for one in meant]
+    return meant
+
+
+def _with_angles(
+    source: SourceTable, meant: list[Meaning], joints: Sequence[str], slides: Sequence[str]
+) -> list[Meaning]:
+    """Return what columns are with units of external axes, and those of angles that a comment or a size shows."""
     for i, one in enumerate(meant):
         if one.why == OUTER and one.unit is None and one.name in joints:
             meant[i] = replace(one, unit="mm" if one.name in slides else "deg", why="as this controller writes it")
         elif one.why == OUTER and (numbers(source.columns[i]) == 0.0).all():
             meant[i] = replace(one, kind="unused", unit="", why="0 in every row: no axis is there")
+
+    def is_open(one: Meaning) -> bool:
+        return one.unit is None and one.name not in slides and one.why != OUTER
+
     # One joint beyond a turn shows the unit of all.
-    sizes = [
-        float(np.nanmax(np.abs(values)))
-        for meaning, cells in zip(meant, source.columns, strict=True)
-        if meaning.kind == "joint" and meaning.unit is None and meaning.name not in slides and meaning.why != OUTER
-        if np.isfinite(values := numbers(cells)).any()
-    ]
+    of_joints = [numbers(cells) for one, cells in zip(meant, source.columns, strict=True)
+                 if one.kind == "joint" and is_open(one)]  # fmt: skip
+    sizes = [float(np.nanmax(np.abs(values))) for values in of_joints if np.isfinite(values).any()]
     angles = stated(source, ANGLE_UNITS)
     if len(angles) == 1 and max(sizes, default=0.0) * ANGLE_UNITS[angles[0]] <= TURN:
-        meant = [replace(one, unit=angles[0], why="a comment")
-                 if one.kind in ("joint", "turn") and one.unit is None and one.name not in slides and one.why != OUTER
-                 else one for one in meant]  # fmt: skip
-    elif sizes and TURN < max(sizes) <= np.degrees(TURN):  # beyond a turn in degrees it is neither
+        return changed(
+            meant, lambda one: one.kind in ("joint", "turn") and is_open(one), unit=angles[0], why="a comment"
+        )
+    if sizes and TURN < max(sizes) <= np.degrees(TURN):  # beyond a turn in degrees it is neither
         why = f"a value of {max(sizes):.4g} is no angle in rad"
-        meant = [
-            replace(meaning, unit="deg", why=why)
-            if meaning.kind == "joint" and meaning.unit is None and meaning.name not in slides and meaning.why != OUTER
-            else meaning
-            for meaning in meant
-        ]
-    return tuple(meant)
+        return changed(meant, lambda one: one.kind == "joint" and is_open(one), unit="deg", why=why)
+    return meant
 
 
 def combined(

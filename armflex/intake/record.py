@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from armflex.conventions import Array
 from armflex.errors import Place, TableError
-from armflex.intake.meanings import ANGLE_UNITS, ANGLES, ROUNDED, VECTOR, Meaning
+from armflex.intake.meanings import ANGLE_UNITS, ANGLES, ROUNDED, VECTOR, Meaning, changed
 from armflex.intake.sources import Cells, SourceTable, numbers
 from armflex.measured.points import LENGTHS
 
@@ -45,7 +45,7 @@ class Record(SourceTable):
 
     def where(self, which: Callable[[Meaning], bool], **changes: Any) -> Self:
         """Return it with other meanings of the columns that `which` chooses."""
-        return replace(self, meant=tuple(replace(one, **changes) if which(one) else one for one in self.meant))
+        return replace(self, meant=tuple(changed(self.meant, which, **changes)))
 
     def si(self, kind: str) -> dict[str, Array]:
         """Return (N,) numbers of joints or coordinates in SI, by name; nan where a cell is empty."""

@@ -9,28 +9,12 @@ import numpy as np
 
 from armflex.conventions import Array, in_mm
 from armflex.errors import InputError, Place, TableError, listing
+from armflex.intake import streams
 from armflex.intake.clock import goes_back, times, unread
 from armflex.intake.lost import emptied
 from armflex.intake.meanings import ANGLE_UNITS, Meaning
 from armflex.intake.record import Record, ranked
 from armflex.intake.sources import numbers
-from armflex.intake.streams import (
-    STANDS,
-    STEP,
-    between,
-    contradiction,
-    dwells,
-    held,
-    is_dense,
-    is_sampled,
-    never_there,
-    offset,
-    reduced,
-    spread,
-    two_sources,
-    unsteady,
-    unwrapped,
-)
 from armflex.measured.points import LENGTHS
 
 SAMPLES = 100
@@ -64,18 +48,18 @@ class Recording:
         record, (places, _) = self.record, self.record.moved
         joints, _ = log.record.moved
         order, gone = np.argsort(self.time, kind="stable"), np.zeros(len(places), dtype=bool)
-        of_log = [between(self.time[order] - shift, log.time, column) for column in joints.T]
-        gone[order] = held(places[order], self.time[order], spans + shift, np.column_stack(of_log))
+        of_log = [streams.between(self.time[order] - shift, log.time, column) for column in joints.T]
+        gone[order] = streams.held(places[order], self.time[order], spans + shift, np.column_stack(of_log))
         if gone.any():
             record = emptied(record, record.meant, gone, "is exactly where it was before")
-        gone = unsteady(self.time, np.where(gone[:, None], np.nan, places), spans + shift)
+        gone = streams.unsteady(self.time, np.where(gone[:, None], np.nan, places), spans + shift)
         if gone.any():
             record = emptied(record, record.meant, gone, "moves or jumps while the arm stands")
         return replace(self, record=record)
 
     def rows(self, spans: Array, shift: float) -> Record:
         """Return a row for each stand, with joints on the branch that they are written on; signals are left out."""
-        record = reduced(self.record.on_one_side(), self.time, spans, shift)
+        record = streams.reduced(self.record.on_one_side(), self.time, spans, shift)
         columns = list(record.columns)
         for i, meaning in enumerate(record.meant):
             if meaning.kind == "joint" and meaning.unit in ANGLE_UNITS:
@@ -107,7 +91,9 @@ def standing(records: Sequence[Record]) -> tuple[list[Record], list[str]]:
         shift, path = 0.0, recording.record.path
         if recording is not first and first.record.role == "log":
             if path not in shifts:
-                shifts[path] = offset(first.time, first.record.moved[0], recording.time, recording.record.moved[0])
+                shifts[path] = streams.offset(
+                    first.time, first.record.moved[0], recording.time, recording.record.moved[0]
+                )
                 title = recording.record.title
                 notes.append(f"the clock of {title} is {shifts[path]:+.3f} s off, as the motions say")
             shift = shifts[path]
@@ -122,9 +108,9 @@ def filled(record: Record) -> Record:
     gaps = {i: read for i, cells in values.items() if (read := np.isfinite(cells)).any() and not read.all()}
     if record.part or not gaps or (time := times(record)) is None or not np.isfinite(time).all():
         return record
-    time, columns = spread(time), list(record.columns)
+    time, columns = streams.spread(time), list(record.columns)
     for i, read in gaps.items():
-        columns[i] = between(time, time[read], values[i][read])
+        columns[i] = streams.between(time, time[read], values[i][read])
     return replace(record, columns=tuple(columns))
 
 
@@ -136,8 +122,10 @@ def _recording(record: Record, written: Record) -> Recording | None:
         TableError: Two programs wrote it, or its clock goes back.
     """
     time, (values, unit) = times(record), record.moved
-    if time is None or not is_dense(even := spread(time), values, unit):
-        if len(values) >= SAMPLES and is_sampled(STEP * np.arange(len(values), dtype=float), values, unit):
+    if time is None or not streams.is_dense(even := streams.spread(time), values, unit):
+        if len(values) >= SAMPLES and streams.is_sampled(
+            streams.STEP * np.arange(len(values), dtype=float), values, unit
+        ):
             text = f"has {len(values)} rows of what stands and moves, samples of a recording, and no clock of one: "
             of_none = unread(record) or "--take COLUMN=time_s says which column it is"
             raise InputError(f"{record.title}: {text}{of_none if time is None else f'its rows are {_step(time)}'}")
@@ -148,10 +136,12 @@ def _recording(record: Record, written: Record) -> Recording | None:
     notes = ()
     if not np.array_equal(time, even):
         stamps = f"{len(np.unique(time))} stamps for {len(time)} rows"
-        notes = (f"the clock of {record.title} repeats itself ({stamps}): rows are spread between them",)
+        notes = (
+            f"the clock of {record.title} repeats itself ({stamps}): rows are spread between them",
+        )
     record = _continuous(record, even) if unit == "rad" else record
     places, _ = record.moved
-    if (pair := two_sources(even, places, unit)) is not None:
+    if (pair := streams.two_sources(even, places, unit)) is not None:
         apart = float(np.linalg.norm(places[pair[1]] - places[pair[0]]))
         here, there = (f"{listing(f'{value:.6g}' for value in places[at])}" for at in pair)
         text = f"{record.part} is at {here} {unit} at {even[pair[0]]:.3f} s here and {there} at {even[pair[1]]:.3f} s,"
@@ -170,17 +160,17 @@ def _stands(recording: Recording) -> tuple[Array, list[str]]:
     time, (values, unit), title = recording.time, recording.record.moved, recording.record.title
     notes, read = list[str](), time[np.isfinite(values).all(axis=1)]
     before, after = (read.min() - time.min(), time.max() - read.max()) if len(read) else (0.0, 0.0)
-    if max(before, after) > STANDS:
+    if max(before, after) > streams.STANDS:
         text = f"{title} lacks a joint in its first {before:.4g} s and its last {after:.4g} s"
         notes.append(f"{text}: no row is of then")
-    spans = dwells(time, values, unit)
+    spans = streams.dwells(time, values, unit)
     within = [(time >= start) & (time <= end) for start, end in spans]
     there = np.array([np.isfinite(values[rows]).any(axis=0).all() for rows in within], dtype=bool)
     if not there.all() and there.any():
         text = f"{len(spans) - np.count_nonzero(there)} more stands, the first at {spans[there.argmin(), 0]:.4g} s,"
         notes.append(f"{text} are left out: some joint has no position there")
     if not there.any():
-        text = f"nothing stands still for {STANDS:g} s in it, whose rows are {_step(time)}"
+        text = f"nothing stands still for {streams.STANDS:g} s in it, whose rows are {_step(time)}"
         raise InputError(f"{recording.record.path}: {text}: a campaign stops for a second at each pose")
     return spans[there], [f"the arm stands {np.count_nonzero(there)} times in {title}", *notes]
 
@@ -198,18 +188,18 @@ def _continuous(record: Record, time: Array) -> Record:
     order, columns, notes = np.argsort(time, kind="stable"), list(record.columns), record.notes
     values, _ = record.moved
     gone = np.zeros(len(time), dtype=bool)
-    gone[order] = never_there(time[order], values[order])
+    gone[order] = streams.never_there(time[order], values[order])
     if gone.any():
         text = f"{np.count_nonzero(gone)} rows of {record.title} have all joints at 0, and jump from or to there"
         notes = (*notes, f"{text}, as in line {record.lines[int(gone.argmax())]}: they are left out")
     joints = [(i, meaning) for i, meaning in enumerate(record.meant) if meaning.kind == "joint"]
     for (i, meaning), column in zip(joints, np.where(gone[:, None], np.nan, values)[order].T, strict=True):
         rows, turning = order[read := np.isfinite(column)], meaning.unit in ANGLE_UNITS
-        if not record.part and (at := contradiction(time[rows], column[read])) is not None:
+        if not record.part and (at := streams.contradiction(time[rows], column[read])) is not None:
             text = f"{meaning.column!r} is at {column[read][at]:.4g} [{'rad' if turning else 'm'}] here and elsewhere"
             place = Place(record.path, record.lines[rows[at]])
             raise TableError(place, f"{text} just before and after, again and again: two programs wrote it")
-        there = unwrapped(column[read]) if turning else column[read]
+        there = streams.unwrapped(column[read]) if turning else column[read]
         if gone.any() or (there != column[read]).any():
             cells = np.full(len(time), np.nan)
             cells[rows] = there / (LENGTHS | ANGLE_UNITS)[meaning.unit or ""]

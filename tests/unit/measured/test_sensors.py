@@ -352,7 +352,7 @@ TWO_LEVELS = tuple(
     ids=["levels", "targets", "mm"],
 )
 def test_one_of_two_instruments_in_other_units_and_two_exchanged_are_named(tmp_path, instruments, change, said) -> None:
-    _, arm, rows = campaign(tmp_path, *instruments)
+    _, arm, rows = campaign(tmp_path, *instruments, count=30)
     assert not fitted(arm, rows).flags
     with pytest.raises(ConventionError, match=said):
         fitted(arm, rewritten(rows, change))
@@ -403,7 +403,7 @@ def test_what_no_row_reads_is_said(tmp_path: Path) -> None:
 @pytest.mark.parametrize("anchor", ["[-1.6, -1.2, 0.3]", "[2.0, 2.0, 2.5]"])
 def test_an_anchor_that_may_be_anywhere_is_found_from_the_lengths(tmp_path: Path, anchor: str) -> None:
     """Circles about points of one plane meet on both sides of it, and one of twenty lengths is of a lost wire."""
-    machine, arm, rows = campaign(tmp_path, WIRE, count=80)
+    machine, arm, rows = campaign(tmp_path, WIRE, count=40)
     truth = np.array([1.6, -1.2, 0.3]) + machine.off["wire1"]["anchor"]
 
     def spoilt(columns: dict[str, list[str]]) -> None:
