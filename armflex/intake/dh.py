@@ -3,8 +3,10 @@
 import json
 import re
 import unicodedata
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -134,109 +136,159 @@ def read_dh(source: SourceTable, form: str | None, ask: Ask | None, unused: Coll
         TableError: A cell is no number, or a column says of a joint what a row cannot.
         ManyErrors: A unit, a column or the form are open.
     """
-    column_of, path = _columns(source), source.path
-    cells = {name: source.columns[at] for name, (at, _) in column_of.items() if source.header[at] not in unused}
-    parts, taken, wrong = dict[str, Array](), list[tuple[str, str, str, str]](), list[str]()
-    moved, written = dict[str, np.ndarray](), dict[str, bool]()
+    columns = {name: column for name, column in _columns(source).items() if source.header[column[0]] not in unused}
+    cells, wrong = {name: list(map(str, source.columns[at])) for name, (at, _) in columns.items()}, list[str]()
+    parts, taken = dict[str, _Numbers](), list[tuple[str, str, str, str]]()
+    header, path, count = {name: source.header[at] for name, (at, _) in columns.items()}, source.path, len(source.lines)
     for name in (name for name in cells if name not in WORDS):
-        said = DEGREES if column_of[name][1].startswith("deg") else None  # once more in its cells
-        read = [_number(said.sub("", str(cell)) if said else str(cell)) for cell in cells[name]]
-        for i, cell_read in enumerate(read):
-            if cell_read is None or (cell_read[2] is not None and name not in ("theta", "d")):
-                place, header = Place(path, source.lines[i]), source.header[column_of[name][0]]
-                raise TableError(place, f"{header!r} is {str(cells[name][i])!r}, expected a number")
-        parts[name] = np.array([cell[0] for cell in read if cell])
-        written[name] = any(cell[1] for cell in read if cell)
-        moved[name] = np.array([cell[2] is not None for cell in read if cell])
-        counted = [(i, int(cell[2])) for i, cell in enumerate(read) if cell and cell[2]]
-        for i, number in counted:
-            if number - i != counted[0][1] - counted[0][0]:
-                text = f"{str(cells[name][i])!r} is of another joint than that of its row: put the rows in their order"
-                wrong.append(f"{Place(path, source.lines[i])}: {text}")
-    for name, values in parts.items():
-        at, unit = column_of[name]
-        length, why = name in "da", "its header"
-        units, alike = (LENGTHS if length else ANGLE_UNITS), [part for part in parts if (part in "da") == length]
-        open_ = [part for part in alike if part == name or not column_of[part][1]]  # the others say theirs
-        largest, beside = (max(float(np.abs(parts[part]).max()) for part in of) for of in (alike, open_))
-        if written[name] or (not unit and any(written[part] for part in open_)):
-            if unit not in ("", "rad") or (not unit and beside > RIGHT):
-                wrong.append(f"{path}: {source.header[at]!r} is among angles with pi, and others are in degrees")
-                continue
-            unit, why = "rad", why if unit else "its cells"
-        if unit and unit not in units:
-            wrong.append(f"{path}: {source.header[at]!r} is in {unit!r}, which is not known ({listing(units, 6)})")
+        parts[name] = _numbers(source, name, header[name], columns[name][1], cells[name])
+        wrong += _of_other_rows(source, cells[name], parts[name].index)
+    values = {name: part.values for name, part in parts.items()}
+    for name in parts:
+        unit, why = _unit_of(path, name, header[name], columns, parts, values, ask)
+        if not why:
+            wrong.append(unit)
             continue
-        if not unit:
-            if not length and largest > RIGHT:
-                unit, why = "deg", f"a value of {largest:g} is no angle in rad"
-            elif length and largest > 20.0:
-                unit, why = "mm", f"a value of {largest:g} is no length of an arm in m"
-            elif not values.any():
-                unit, why = ("m" if length else "rad"), "all are 0"
-            elif ask is not None:
-                choices = ("mm", "m") if length else ("deg", "rad")
-                unit, why = ask(f"{path.name}: in which unit is {source.header[at]!r}?", choices), "as answered"
-            else:
-                example = f"{name} [{'mm' if length else 'deg'}]"
-                wrong.append(f"{path}: the unit of {source.header[at]!r} is open: write it as {example!r}")
-                continue
-        parts[name] = values * units[unit]
-        taken.append((source.header[at], f"DH {name}", unit, why))
-    count = len(source.lines)
-    none, never = np.zeros(count), np.zeros(count, dtype=bool)
-    slides = moved.get("d", never).copy()
+        values[name] = values[name] * (LENGTHS if name in "da" else ANGLE_UNITS)[unit]
+        taken.append((header[name], f"DH {name}", unit, why))
+    slides = np.array([number is not None for number in parts["d"].index]) if "d" in parts else np.zeros(count, bool)
     for name in (name for name in cells if name in WORDS):
-        header = source.header[column_of[name][0]]
-        for i, cell in enumerate(map(str, cells[name])):
+        for i, cell in enumerate(cells[name]):
             if name == "kind":
                 slides[i] |= bool(SLIDES.fullmatch(cell))
-            if not (TURNS.fullmatch(cell) or slides[i] if name == "kind" else _same_way(header, cell)):
+            if not (TURNS.fullmatch(cell) or slides[i] if name == "kind" else _same_way(header[name], cell)):
                 text = "expected R or P" if name == "kind" else "a row has no sign: turn the joint's column in the log"
-                wrong.append(f"{Place(path, source.lines[i])}: {header!r} is {cell!r}: {text}")
-        taken.append((header, "kind of joint" if name == "kind" else "sense of joint", "", "its header"))
-    theta, home, offset = (parts.get(name, none) for name in ("theta", "home", "offset"))
-    header = {name: source.header[at] for name, (at, _) in column_of.items()}
+                wrong.append(f"{Place(path, source.lines[i])}: {header[name]!r} is {cell!r}: {text}")
+        taken.append((header[name], "kind of joint" if name == "kind" else "sense of joint", "", "its header"))
+    none = np.zeros(count)
+    theta, home, offset = (values.get(name, none) for name in ("theta", "home", "offset"))
     if theta.any() and home.any():
         text = f"{header['theta']!r} and {header['home']!r} both have angles: leave one out, or add them"
         wrong.append(f"{path}: {text}")
     for i in np.flatnonzero(slides & ((offset != 0.0) | (home != 0.0)))[:1]:
         name = header["offset" if offset[i] else "home"]
         wrong.append(f"{Place(path, source.lines[i])}: the joint slides, and {name!r} is an angle: add it to d")
-    columns = {at for at, _ in column_of.values()}
+    beside, about = _beside(source, {at for at, _ in columns.values()}, unused)
+    form, why, open_ = _form(source, form, ask)
+    if wrong := wrong + about + open_:
+        raise ManyErrors(wrong)
+    rows = np.column_stack([theta + offset + home, *(values.get(name, none) for name in ("d", "a", "alpha", "beta"))])
+    taken = (*taken, *beside, ("(rows)", f"{form} DH", "", why))
+    return DhTable(rows, tuple(slides.tolist()), form, taken)
+
+
+class _Numbers(NamedTuple):
+    """Numbers of a column.
+
+    Attributes:
+        values: (n,) of its cells.
+        in_rad: Whether a cell says that it is in rad.
+        index: (n,) number of the joint's variable in a cell, '' where it has none, None where no variable stands there.
+    """
+
+    values: Array
+    in_rad: bool
+    index: list[str | None]
+
+
+def _numbers(source: SourceTable, name: str, header: str, unit: str, cells: Sequence[str]) -> _Numbers:
+    said = DEGREES if unit.startswith("deg") else None  # once more in its cells
+    read = list[tuple[float, bool, str | None]]()
+    for line, cell in zip(source.lines, cells, strict=True):
+        number = _number(said.sub("", cell) if said else cell)
+        if number is None or (number[2] is not None and name not in ("theta", "d")):
+            raise TableError(Place(source.path, line), f"{header!r} is {cell!r}, expected a number")
+        read.append(number)
+    values, in_rad, index = zip(*read, strict=True)
+    return _Numbers(np.array(values), any(in_rad), list(index))
+
+
+def _of_other_rows(source: SourceTable, cells: Sequence[str], index: Sequence[str | None]) -> Iterator[str]:
+    """Yield what is wrong with variables that count otherwise than their rows."""
+    counted = [(i, int(number)) for i, number in enumerate(index) if number]
+    for i, number in counted:
+        if number - i != counted[0][1] - counted[0][0]:
+            text = f"{cells[i]!r} is of another joint than that of its row: put the rows in their order"
+            yield f"{Place(source.path, source.lines[i])}: {text}"
+
+
+def _unit_of(
+    path: Path,
+    name: str,
+    header: str,
+    columns: Mapping[str, tuple[int, str]],
+    parts: Mapping[str, _Numbers],
+    values: Mapping[str, Array],
+    ask: Ask | None,
+) -> tuple[str, str]:
+    """Return the unit of a column and where that is known from; what is wrong, and '', where it is open.
+
+    `values` are in SI of columns whose unit is known.
+    """
+    unit, length, why = columns[name][1], name in "da", "its header"
+    units, alike = (LENGTHS if length else ANGLE_UNITS), [part for part in parts if (part in "da") == length]
+    open_ = [part for part in alike if part == name or not columns[part][1]]  # the others say theirs
+    largest, beside = (max(float(np.abs(values[part]).max()) for part in of) for of in (alike, open_))
+    if parts[name].in_rad or (not unit and any(parts[part].in_rad for part in open_)):
+        if unit not in ("", "rad") or (not unit and beside > RIGHT):
+            return f"{path}: {header!r} is among angles with pi, and others are in degrees", ""
+        unit, why = "rad", why if unit else "its cells"
+    if unit in units:
+        return unit, why
+    if unit:
+        return f"{path}: {header!r} is in {unit!r}, which is not known ({listing(units, 6)})", ""
+    if not length and largest > RIGHT:
+        return "deg", f"a value of {largest:g} is no angle in rad"
+    if length and largest > 20.0:
+        return "mm", f"a value of {largest:g} is no length of an arm in m"
+    if not values[name].any():
+        return "m" if length else "rad", "all are 0"
+    if ask is not None:
+        choices = ("mm", "m") if length else ("deg", "rad")
+        return ask(f"{path.name}: in which unit is {header!r}?", choices), "as answered"
+    example = f"{name} [{'mm' if length else 'deg'}]"
+    return f"{path}: the unit of {header!r} is open: write it as {example!r}", ""
+
+
+def _beside(
+    source: SourceTable, columns: Collection[int], unused: Collection[str]
+) -> tuple[list[tuple[str, str, str, str]], list[str]]:
+    """Return what columns beside those of the geometry are, and what is wrong with them."""
+    taken, wrong = list[tuple[str, str, str, str]](), list[str]()
     for i, name in enumerate(source.header):
         if i in columns and name not in unused:
             continue
         counts = [int(match[1]) for cell in source.columns[i] if (match := COUNT.fullmatch(str(cell)))]
-        if name not in unused and len({*counts}) == count and (np.diff(counts) != 1).any() and INDEX.fullmatch(name):
-            wrong.append(
-                f"{path}: {name!r} is {listing(map(str, counts), 8)}: put the rows in their order, base to tip"
-            )
+        every = name not in unused and len({*counts}) == len(source.lines)
+        if every and (np.diff(counts) != 1).any() and INDEX.fullmatch(name):
+            text = f"{name!r} is {listing(map(str, counts), 8)}: put the rows in their order, base to tip"
+            wrong.append(f"{source.path}: {text}")
         elif name in unused or BESIDE.fullmatch(_bare(name)[0]):
             taken.append((name, "not used", "", "as asked" if name in unused else "no part of the geometry"))
         else:
             text = f"{name!r} beside DH parameters is not known: --take '{name}=unused' leaves it out"
-            wrong.append(f"{path}: {text}")
-    why = "asked for"
+            wrong.append(f"{source.path}: {text}")
+    return taken, wrong
+
+
+def _form(source: SourceTable, form: str | None, ask: Ask | None) -> tuple[str, str, list[str]]:
+    """Return the form of a table, where that is known from, and what is wrong with it."""
+    path, why, wrong = source.path, "asked for", list[str]()
     stated = {"modified": "a and alpha are of the link before"}
     if not any(BEFORE.fullmatch(_bare(name)[0]) for name in source.header):
         stated = {of: "its title" for of, words in FORMS.items() if any(map(words.search, source.comments))}
-    if len(stated) == 1 and form is None:
-        ((form, why),) = stated.items()
-    elif len(stated) == 1 and form not in stated:
-        ((other, reason),) = stated.items()
-        wrong.append(f"{path}: --dh {form}, and the table is {other} DH ({reason}): leave --dh out, or mend the table")
+    (other, reason), *more = [*stated.items()] or [("", "")]
+    if other and not more and form is None:
+        form, why = other, reason
+    elif other and not more and form != other:
+        text = f"--dh {form}, and the table is {other} DH ({reason}): leave --dh out, or mend the table"
+        wrong.append(f"{path}: {text}")
     if form is None and ask is not None:
-        form, why = (
-            ask(f"{path.name}: standard (distal) or modified (Craig) DH?", ("standard", "modified")),
-            "as answered",
-        )
+        choices = ("standard", "modified")
+        form, why = ask(f"{path.name}: standard (distal) or modified (Craig) DH?", choices), "as answered"
     if form is None:
         wrong.append(f"{path}: standard (distal) or modified (Craig) DH is open: --dh standard or --dh modified")
-    if form is None or wrong:
-        raise ManyErrors(wrong)
-    rows = np.column_stack([theta + offset + home, *(parts.get(name, none) for name in ("d", "a", "alpha", "beta"))])
-    return DhTable(rows, tuple(slides.tolist()), form, (*taken, ("(rows)", f"{form} DH", "", why)))
+    return form or "", why, wrong
 
 
 def _same_way(header: str, cell: str) -> bool:

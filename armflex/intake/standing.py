@@ -136,9 +136,7 @@ def _recording(record: Record, written: Record) -> Recording | None:
     notes = ()
     if not np.array_equal(time, even):
         stamps = f"{len(np.unique(time))} stamps for {len(time)} rows"
-        notes = (
-            f"the clock of {record.title} repeats itself ({stamps}): rows are spread between them",
-        )
+        notes = (f"the clock of {record.title} repeats itself ({stamps}): rows are spread between them",)
     record = _continuous(record, even) if unit == "rad" else record
     places, _ = record.moved
     if (pair := streams.two_sources(even, places, unit)) is not None:
