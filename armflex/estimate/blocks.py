@@ -3,7 +3,7 @@
 What was learned of laws, and an effect that was added, have blocks of their own; see `estimate.block`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Any
@@ -329,23 +329,7 @@ def declared_blocks(setup: Setup, measurements: Measurements) -> tuple[Block, ..
     open_ = (*(later if arm.measurement.frame == "unknown" else ()), *open_)
     if len(sessions) > 1 and tracked and open_:
         blocks.append(session_block(setup, open_, prior.session_translation, prior.session_rotation))
-    touching = [
-        sensor.sockets
-        for sensor in arm.sensors.values()
-        if isinstance(sensor, TouchingSensor) and measurements.readings.of(Touch, sensor.name)
-    ]
-    targeted = measurements.readings.of(Position) or any(not sensor.own_point for sensor in touching)
-    if prior.tool and targeted:
-        blocks.append(target_block(prior.tool))
-    turned = bool(measurements.readings.of(Orientation))
-    if prior.session_target and measurements.readings.of(Position):
-        blocks.append(remounted_block(setup, sessions, prior.session_target, turned))
-    else:
-        if turned:
-            blocks.append(mounting_block(setup))
-        if later and measurements.readings.of(Position) and (prior.tool or turned):
-            # Two mountings differ by more than one is off; where it is known of one, it is of all.
-            blocks.append(remounted_block(setup, tuple(later), max(np.sqrt(2.0) * prior.tool, RESOLUTION), turned))
+    blocks += _of_target(setup, measurements, sessions, later)
     for name in dict.fromkeys(kind.name for kind in measurements.readings.kinds if kind.name):
         if keys := sensor_keys(arm.sensors[name], sessions, measurements.readings.kinds):
             blocks.append(sensor_block(setup, name, keys))
@@ -369,6 +353,26 @@ def declared_blocks(setup: Setup, measurements: Measurements) -> tuple[Block, ..
         if any(given.values()):
             blocks.append(factor_block(arm, {name: axes for name, axes in given.items() if axes}, prior.compliance))
     return tuple(_as_in_fleet(block, prior) if prior.each else block for block in blocks)
+
+
+def _of_target(
+    setup: Setup, measurements: Measurements, sessions: tuple[str, ...], later: Sequence[str]
+) -> Iterator[Block]:
+    """Yield the blocks of where a target is on the tool, in all sessions or in campaigns after the first."""
+    prior, readings = setup.arm.prior, measurements.readings
+    touching = [one for one in setup.arm.sensors.values() if isinstance(one, TouchingSensor)]
+    pointed = any(not one.sockets.own_point for one in touching if readings.of(Touch, one.name))
+    if prior.tool and (readings.of(Position) or pointed):
+        yield target_block(prior.tool)
+    turned = bool(readings.of(Orientation))
+    if prior.session_target and readings.of(Position):
+        yield remounted_block(setup, sessions, prior.session_target, turned)
+        return
+    if turned:
+        yield mounting_block(setup)
+    if later and readings.of(Position) and (prior.tool or turned):
+        # Two mountings differ by more than one is off; where it is known of one, it is of all.
+        yield remounted_block(setup, tuple(later), max(np.sqrt(2.0) * prior.tool, RESOLUTION), turned)
 
 
 @dataclass(frozen=True, eq=False)

@@ -65,19 +65,8 @@ def condense(
     nodes = matrices.freedoms[free, 0]
     places = np.full((stiffness.shape[0], 3), np.nan)
     places[: len(nodes)] = np.where(nodes[:, None] == MODAL, np.nan, mesh.points[nodes])
-    try:
-        solver = CholeskyFactor(stiffness, places, lambda done, total: said("factorising the stiffness", done, total))
-    except np.linalg.LinAlgError:
-        raise mesh.fail("is free to move: its stiffness is singular") from None
-    except MemoryError:
-        raise OutOfMemoryError(f"{mesh.path}: the stiffness of {len(mesh.points)} nodes has no room") from None
     loads, size = np.hstack([entry.toarray(), reduced.T @ moved]), 6 * len(loaded)
-    moves = solver.solve(loads)
-    left = np.linalg.norm(stiffness @ moves - loads, axis=0)
-    # Share of a load that the solution may leave: more of it means that something is free to move.
-    if not np.isfinite(moves).all() or (left > 1e-6 * np.linalg.norm(loads, axis=0).clip(1e-300)).any():
-        text = f"is free to move though {fixed!r} is held: parts that share an edge or a node alone are hinged"
-        raise mesh.fail(text)
+    solver, moves = _solved(mesh, fixed, stiffness, places, loads, said)
     compliance = entry.T @ moves[:, :size]
     compliance = 0.5 * (compliance + compliance.T)
     shapes = np.linalg.solve(compliance, moves[:, :size].T).T
@@ -91,8 +80,8 @@ def condense(
         frequencies = _frequencies(stiffness, inner, solver)
     else:
         flags.append(Flag("no_density", "no density is known: the part has neither mass, weight nor frequencies"))
-    for kind in {block.kind for block in mesh.blocks} & {"C3D4", "C3D8"}:
-        flags.append(Flag("stiff_elements", f"{kind} are too stiff in bending; C3D10 or C3D20 are not"))
+    stiff = {block.kind for block in mesh.blocks} & {"C3D4", "C3D8"}
+    flags += [Flag("stiff_elements", f"{kind} are too stiff in bending; C3D10 or C3D20 are not") for kind in stiff]
     carried = np.linalg.solve(compliance, entry.T @ moves[:, size:])
     return Part(
         mesh=mesh.path.name,
@@ -115,6 +104,25 @@ def condense(
         flags=tuple(dict.fromkeys(flags)),
         surface=_surface(mesh, np.asarray(reduced @ shapes)) if mesh is structure and len(loaded) == 1 else None,
     )
+
+
+def _solved(
+    mesh: Mesh, fixed: str, stiffness: Any, places: Array, loads: Array, said: Tick
+) -> tuple[CholeskyFactor, Array]:
+    """Return the factor of a stiffness, and how all moves under loads; refuse one under which something is free."""
+    try:
+        solver = CholeskyFactor(stiffness, places, lambda done, total: said("factorising the stiffness", done, total))
+    except np.linalg.LinAlgError:
+        raise mesh.fail("is free to move: its stiffness is singular") from None
+    except MemoryError:
+        raise OutOfMemoryError(f"{mesh.path}: the stiffness of {len(mesh.points)} nodes has no room") from None
+    moves = solver.solve(loads)
+    left = np.linalg.norm(stiffness @ moves - loads, axis=0)
+    # Share of a load that the solution may leave: more of it means that something is free to move.
+    if not np.isfinite(moves).all() or (left > 1e-6 * np.linalg.norm(loads, axis=0).clip(1e-300)).any():
+        text = f"is free to move though {fixed!r} is held: parts that share an edge or a node alone are hinged"
+        raise mesh.fail(text)
+    return solver, moves
 
 
 def _interfaces(

@@ -190,12 +190,11 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
         robot, flexure, more = read_link(name, table, robot)
         bent.append(flexure)
         flags = (*flags, *more)
-    locked = root.table["robot"].get("locked", {})
     declared = {kind: tables for kind, tables in robot.urdf.declared.items() if tables}  # of an MJCF
     for kind, more in declared.items():  # what stands in the arm.toml comes first
         loops = kind == "loop"
         root.table[kind] = [*root.table.get(kind, []), *more] if loops else {**more, **root.table.get(kind, {})}
-    robot, tied = read_linkage(root, robot, tuple(locked))
+    robot, tied = read_linkage(root, robot, tuple(root.table["robot"].get("locked", {})))
     payloads = {name: _read_payload(name, table) for name, table in root.subs("payload").items()}
     tables = _flexure_tables(root, preset)
     for taken, text in (

@@ -131,23 +131,8 @@ def _checked(root: Declaration, robot: Robot, names: Mapping[str, Declaration]) 
     linkage, flex = robot.linkage, build_model(robot)
     model, data = flex.model, flex.model.createData()
     points = replace(linkage, loops=tuple(replace(loop, kind="spherical") for loop in linkage.loops))
-    ties, held = Ties(model, data, points), set()
-    for name, tie in zip(linkage.joined, ties.joined, strict=True):
-        first, second = (end.joint for end in tie.ends)
-        closure = next(closure for closure in (*linkage.loops, *linkage.cylinders) if closure.name == name)
-        text = f"{name!r} joins {closure.link!r} to {closure.to!r}"
-        if first == second:
-            raise names[name].fail("to", f"{text}, which no joint moves against each other")
-        between = set(model.supports[first]) ^ set(model.supports[second])
-        if not any(model.getJointId(joint) in between for joint in linkage.free):
-            driven = [joint for joint in robot.joint_names if model.getJointId(joint) in between]
-            drives = f"and {listing(driven)} between them {'has a drive' if len(driven) == 1 else 'have drives'}"
-            remedy = f"a joint that it holds is passive: [joint.{driven[-1]}] passive = true"
-            raise names[name].fail("to", f"{text}, {drives}: {remedy}")
-        held |= between
-    for name in [name for name in linkage.passive if model.getJointId(name) not in held]:
-        text = f"joint {name!r} is passive, but no loop or cylinder is around it: nothing would hold it"
-        raise root.subs("joint")[name].fail("passive", text)
+    ties = Ties(model, data, points)
+    _check_held(root, robot, names, ties)
     free, closing = np.array([at or 0.0 for at in linkage.free.values()]), Closing(robot, flex, ties, Corrections())
     lower, upper = (
         np.append(limit, np.full(len(free), end)) for limit, end in ((robot.lower, -np.inf), (robot.upper, np.inf))
@@ -179,6 +164,27 @@ def _checked(root: Declaration, robot: Robot, names: Mapping[str, Declaration]) 
         if joints == there and rank == max(len(way), len(twists)):
             raise names[name].fail("at", f"{name!r} says what {other!r} says: leave one of them out")
     return tuple(loops)
+
+
+def _check_held(root: Declaration, robot: Robot, names: Mapping[str, Declaration], ties: Ties) -> None:
+    """Raise where a loop or a cylinder holds nothing that moves, or a passive joint is held by none."""
+    linkage, model, held = robot.linkage, ties.model, set[int]()
+    for name, tie in zip(linkage.joined, ties.joined, strict=True):
+        first, second = (end.joint for end in tie.ends)
+        closure = next(closure for closure in (*linkage.loops, *linkage.cylinders) if closure.name == name)
+        text = f"{name!r} joins {closure.link!r} to {closure.to!r}"
+        if first == second:
+            raise names[name].fail("to", f"{text}, which no joint moves against each other")
+        between = set(model.supports[first]) ^ set(model.supports[second])
+        if not any(model.getJointId(joint) in between for joint in linkage.free):
+            driven = [joint for joint in robot.joint_names if model.getJointId(joint) in between]
+            drives = f"and {listing(driven)} between them {'has a drive' if len(driven) == 1 else 'have drives'}"
+            remedy = f"a joint that it holds is passive: [joint.{driven[-1]}] passive = true"
+            raise names[name].fail("to", f"{text}, {drives}: {remedy}")
+        held |= between
+    for name in [name for name in linkage.passive if model.getJointId(name) not in held]:
+        text = f"joint {name!r} is passive, but no loop or cylinder is around it: nothing would hold it"
+        raise root.subs("joint")[name].fail("passive", text)
 
 
 def _gives(closure: Loop | Cylinder, table: Declaration) -> Flexure | None:

@@ -146,13 +146,7 @@ def read_table_source(path: Path) -> SourceTable:
         raise TableError(Place(path), "holds no rows of numbers: expected a table with a header, or lines: name x y z")
     width = widths.most_common(1)[0][0]
     first = next(i for i, (_, cells) in enumerate(rows) if numeric[i] and len(cells) == width)
-    above = [i for i, (_, cells) in enumerate(rows[:first]) if len(cells) == width]
-    if named := [i for i in above if _are_units(rows[i][1]) or not any(map(_number, rows[i][1]))]:
-        first, above = (
-            (named[-1] + 1 if named[-1] < above[-1] else first),
-            named,
-        )  # a row of numbers with a text is none
-    heads = [rows[i][1] for i in reversed(above)]
+    first, heads = _heads(rows, first, width)
     if mark and not heads:
         in_comments = [_parted([text], mark)[0] for text in comments]
         heads = [cells for cells in reversed(in_comments) if len(cells) == width and not any(map(_number, cells))]
@@ -175,17 +169,21 @@ def read_table_source(path: Path) -> SourceTable:
     columns = [tuple(column) for column in zip(*(cells for _, cells in body), strict=True)]
     head, columns = _without_units(head or _names(columns), columns)
     _one_mark(path, body, columns)
-    source = SourceTable(
-        path,
-        tuple(head),
-        tuple(line for line, _ in body),
-        tuple(
-            tuple(cell.replace(".", "").replace(",", ".") if COMMA.fullmatch(cell) else cell for cell in column)
-            for column in columns
-        ),
-        tuple(comments),
+    texts = (
+        tuple(cell.replace(".", "").replace(",", ".") if COMMA.fullmatch(cell) else cell for cell in column)
+        for column in columns
     )
+    source = SourceTable(path, tuple(head), tuple(line for line, _ in body), tuple(texts), tuple(comments))
     return _named_joints(_by_point(source))
+
+
+def _heads(rows: Sequence[tuple[int, list[str]]], first: int, width: int) -> tuple[int, list[list[str]]]:
+    """Return the first row of numbers of those below a header, and the lines of that, the nearest first."""
+    above = [i for i, (_, cells) in enumerate(rows[:first]) if len(cells) == width]
+    named = [i for i in above if _are_units(rows[i][1]) or not any(map(_number, rows[i][1]))]
+    if named:  # a row of numbers with a text is none
+        first = named[-1] + 1 if named[-1] < above[-1] else first
+    return first, [rows[i][1] for i in reversed(named or above)]
 
 
 def _plain_number(cell: str) -> str:

@@ -22,6 +22,7 @@ from armflex.measured.measurements import Measurements, as_measurements
 from armflex.measured.table import Tabular
 from armflex.readings import Kind, Readings, Touch
 from armflex.rows.branch import Branch
+from armflex.rows.period import Period
 from armflex.rows.rows import LEVEL_OF
 from armflex.rows.wrench import Wrench
 
@@ -59,18 +60,7 @@ def joined(campaigns: Sequence[Measurements], arm: Arm) -> Measurements:
         raise InputError("no campaign is given, expected one or more")
     if len(campaigns) == 1:
         return campaigns[0]
-    given: dict[str, Measurements] = {}
-    for number, campaign in enumerate(campaigns, 1):
-        # By the name of its file; a further one of that name has its number.
-        file = campaign.places[0].file if campaign.places else None
-        name = file.stem if isinstance(file, Path) else f"campaign {number}"
-        given[f"{name} {number}" if name in given else name] = campaign
-    for (name, campaign), (again, other) in combinations(given.items(), 2):
-        if campaign.sha256 == other.sha256 and set(campaign.places) & set(other.places):
-            raise InputError(f"campaigns {name!r} and {again!r} have the same rows: each counts once")
-    if sum(any(isinstance(kind, Touch) for kind in campaign.readings.kinds) for campaign in campaigns) > 1:
-        text = "several campaigns touch sockets, which cannot be fitted together: the machine may have been moved"
-        raise UnsupportedError(f"{text}; calibrate with one of them")
+    given = _named(campaigns)
 
     def whole(part: Callable[[Measurements], Any]) -> Array:
         return np.concatenate([part(campaign) for campaign in campaigns])
@@ -82,12 +72,9 @@ def joined(campaigns: Sequence[Measurements], arm: Arm) -> Measurements:
         return [name if len(set(campaign.session)) == 1 else f"{name}/{session}" for session in campaign.session]
 
     timed, first = not any("time" in campaign.derived for campaign in campaigns), campaigns[0]
-    times, periods = [first.time], list(first.clock)
-    for campaign in campaigns[1:]:  # none earlier than any of the campaign before
-        later = max(float(times[-1].max() - campaign.time.min()), 0.0)
-        times.append(campaign.time + later)
-        periods += [replace(period, later=later) for period in campaign.clock]
+    times, periods = _going_on(campaigns)
     covariates, flags = _columns(given, arm)
+    places = tuple(place for campaign in campaigns for place in campaign.places)
     without_hold = [name for name, campaign in given.items() if campaign.hold is None]
     if 0 < len(without_hold) < len(given):
         flags.append(_lacking("hold", without_hold))
@@ -102,9 +89,7 @@ def joined(campaigns: Sequence[Measurements], arm: Arm) -> Measurements:
         measured=whole(lambda rows: rows.measured),
         hold=None if without_hold else whole(lambda rows: rows.hold),
         covariates=covariates,
-        places=sum((campaign.places for campaign in campaigns), ())
-        if all(campaign.places for campaign in campaigns)
-        else (),
+        places=places if all(campaign.places for campaign in campaigns) else (),
         derived=tuple(dict.fromkeys(name for campaign in campaigns for name in campaign.derived)),
         wrenches=_loads(campaigns),
         campaign=texts(lambda name, rows: [name] * len(rows)),
@@ -122,6 +107,37 @@ def joined(campaigns: Sequence[Measurements], arm: Arm) -> Measurements:
             if all(campaign.units.get(name) == unit for campaign in campaigns)
         },
     )
+
+
+def _named(campaigns: Sequence[Measurements]) -> dict[str, Measurements]:
+    """Return campaigns by the name of their files; a further one of that name has its number.
+
+    Raises:
+        InputError: One is given twice.
+        UnsupportedError: Several of them touch sockets.
+    """
+    given: dict[str, Measurements] = {}
+    for number, campaign in enumerate(campaigns, 1):
+        file = campaign.places[0].file if campaign.places else None
+        name = file.stem if isinstance(file, Path) else f"campaign {number}"
+        given[f"{name} {number}" if name in given else name] = campaign
+    for (name, campaign), (again, other) in combinations(given.items(), 2):
+        if campaign.sha256 == other.sha256 and set(campaign.places) & set(other.places):
+            raise InputError(f"campaigns {name!r} and {again!r} have the same rows: each counts once")
+    if sum(any(isinstance(kind, Touch) for kind in campaign.readings.kinds) for campaign in campaigns) > 1:
+        text = "several campaigns touch sockets, which cannot be fitted together: the machine may have been moved"
+        raise UnsupportedError(f"{text}; calibrate with one of them")
+    return given
+
+
+def _going_on(campaigns: Sequence[Measurements]) -> tuple[list[Array], list[Period]]:
+    """Return times and periods of campaigns, none of them earlier than any of the campaign before."""
+    times, periods = [campaigns[0].time], list(campaigns[0].clock)
+    for campaign in campaigns[1:]:
+        later = max(float(times[-1].max() - campaign.time.min()), 0.0)
+        times.append(campaign.time + later)
+        periods += [replace(period, later=later) for period in campaign.clock]
+    return times, periods
 
 
 def _poses(given: Mapping[str, Measurements]) -> tuple[str, ...]:

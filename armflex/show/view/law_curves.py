@@ -225,20 +225,24 @@ def draw_training(result: TrainResult, data: JointData, path: str | Path) -> Pat
             _posterior(slopes, law, draws, wrenches(middle[None])[0], column, component)
         first = upper.axes[0]
         upper.legend(*first.get_legend_handles_labels(), loc="outside upper center", ncols=4, frameon=False)
-        axes = lower.subplots()
-        trained_as = result.trained.model
-        bars = [(f"{trained_as}\ntraining", result.train_rms), (f"{trained_as}\nheld out", result.held_out_rms)]
-        # Letters of a model's name below one bar.
-        bars += [(f"{fill(name, 16)}\nheld out", rms) for name, rms in result.compared if len(result.compared) > 1]
-        place, width = np.arange(len(bars)), 0.8 / size
-        for column in range(size):
-            values = [rms[column] for _, rms in bars]
-            label = f"{TWIST_NAMES[column]} [{data.units[column]}]"
-            axes.bar(place + (column - (size - 1) / 2) * width, values, width, label=label)
-        axes.set_xticks(place, [name for name, _ in bars], fontsize=8)
-        axes.set(ylabel="RMS", title=f"Training and held-out error ({result.held_out})")
-        axes.legend(frameon=False, fontsize=8)
+        _errors(lower.subplots(), result, data)
     return path
+
+
+def _errors(axes: Axes, result: TrainResult, data: JointData) -> None:
+    """Draw held-out against training error, of every model that was compared."""
+    trained_as, size = result.trained.model, data.size
+    bars = [(f"{trained_as}\ntraining", result.train_rms), (f"{trained_as}\nheld out", result.held_out_rms)]
+    # Letters of a model's name below one bar.
+    bars += [(f"{fill(name, 16)}\nheld out", rms) for name, rms in result.compared if len(result.compared) > 1]
+    place, width = np.arange(len(bars)), 0.8 / size
+    for column in range(size):
+        values = [rms[column] for _, rms in bars]
+        label = f"{TWIST_NAMES[column]} [{data.units[column]}]"
+        axes.bar(place + (column - (size - 1) / 2) * width, values, width, label=label)
+    axes.set_xticks(place, [name for name, _ in bars], fontsize=8)
+    axes.set(ylabel="RMS", title=f"Training and held-out error ({result.held_out})")
+    axes.legend(frameon=False, fontsize=8)
 
 
 def _thousands(loads: Array, component: int) -> tuple[Array, str]:
