@@ -39,6 +39,7 @@ from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.readings import SENSOR_KINDS, Kind, Position, Postures, Readings
 from armflex.readings.instrument import Instrument
+from armflex.readings.sensor import Sensor
 from armflex.result import plain
 from armflex.rows import Rows
 
@@ -184,11 +185,7 @@ def check_reading(kind: type[Kind], example: str) -> None:
         ArmFileError: The example cannot be read.
     """
     heavy, name = _heavy(), "example"
-    word = next((word for word, declared in SENSOR_KINDS.items() if declared is kind), name)
-    text = f'kind = "{word}"\n{example}'
-    table = Declaration(tomllib.loads(text), ("instrument", name), Source(Path("example"), text))
-    with SENSOR_KINDS.entered(word, kind):
-        sensors = read_sensors({name: table}, heavy.robot)
+    sensors = _declared(kind, name, example, heavy)
     assert kind.columns(name)[0].startswith(name), f"its columns are called after the instrument: {kind.columns(name)}"
     assert len(kind.channels) == kind.dimension, "a channel for every number"
     pose = pin.SE3(pin.exp3(np.array([0.1, -0.2, 0.7])), np.array([1.0, -3.0, 0.5]))
@@ -207,41 +204,51 @@ def check_reading(kind: type[Kind], example: str) -> None:
     def by_instrument(change: Callable[[Array], dict[str, Any]]) -> Callable[[Array], Postures]:
         return lambda x: replace(at, instrument=replace(instrument, **change(x)))
 
-    def by_link(link: str | None) -> Callable[[Array], Postures]:
-        def moved(x: Array) -> Postures:
-            poses = at.pose(link).copy()
-            poses[:, :3, 3] += x[:3]
-            poses[:, :3, :3] = pin.exp3(x[3:]) @ poses[:, :3, :3]
-            return replace(at, pose=lambda asked: poses if asked == link else at.pose(asked))
+    def own(x: Array) -> Postures:
+        return replace(at, sensors={name: replace(at.sensors[name], found={"": x})})
 
-        return moved
-
-    def turned(x: Array) -> Array:
-        """Return the mounting turned by a rotation vector [rad]."""
-        return pin.log3(pin.exp3(x) @ pin.exp3(instrument.mounting))
-
-    seen, count = readings.jacobian(at), len(sensors[name].declared)
+    seen, mounted = readings.jacobian(at), pin.exp3(instrument.mounting)
     cases = {
         "by_frame": (readings.by_frame(at), by_instrument(lambda x: {"sessions": {"s": x}}), 6),
         "by_target": (readings.by_target(at), by_instrument(lambda x: {"target": instrument.target + x}), 3),
-        "by_mounting": (readings.by_mounting(at), by_instrument(lambda x: {"mounting": turned(x)}), 3),
+        "by_mounting": (
+            readings.by_mounting(at),
+            by_instrument(lambda x: {"mounting": pin.log3(pin.exp3(x) @ mounted)}),
+            3,
+        ),
         "by_scale": (readings.by_scale(at)[:, :, None], by_instrument(lambda x: {"scale": instrument.scale + x[0]}), 1),
         "by_gravity": (readings.by_gravity(at), lambda x: replace(at, gravity=at.gravity + x), 3),
-        "by_own": (
-            readings.by_own(at),
-            lambda x: replace(at, sensors={name: replace(at.sensors[name], found={"": x})}),
-            count,
-        ),
+        "by_own": (readings.by_own(at), own, len(sensors[name].declared)),
     }
     if kind.by_motion:
         none = np.zeros((*readings.values.shape, 6))
         links = {None, sensors[name].link, sensors[name].seen_from, *seen}
-        cases |= {f"jacobian by {link or 'the tip'}": (seen.get(link, none), by_link(link), 6) for link in links}
+        cases |= {f"jacobian by {link or 'the tip'}": (seen.get(link, none), _by_link(at, link), 6) for link in links}
     rounding = max(1.0, 1e-2 * float(np.abs(readings.values).max()))
     for what, (stated, change, size) in cases.items():
         scale, quotient = np.abs(stated).max(initial=rounding), slope(change, size)
         message = f"{what} of the kind (first) is not the change of what it reads (second)"
         np.testing.assert_allclose(stated, quotient, rtol=0, atol=1e-7 * scale, err_msg=message)
+
+
+def _by_link(at: Postures, link: str | None) -> Callable[[Array], Postures]:
+    """Return where an arm is seen with a link moved by a twist about its own origin, in the base's axes."""
+
+    def moved(x: Array) -> Postures:
+        poses = at.pose(link).copy()
+        poses[:, :3, 3] += x[:3]
+        poses[:, :3, :3] = pin.exp3(x[3:]) @ poses[:, :3, :3]
+        return replace(at, pose=lambda asked: poses if asked == link else at.pose(asked))
+
+    return moved
+
+
+def _declared(kind: type[Kind], name: str, example: str, arm: Arm) -> dict[str, Sensor]:
+    word = next((word for word, declared in SENSOR_KINDS.items() if declared is kind), name)
+    text = f'kind = "{word}"\n{example}'
+    table = Declaration(tomllib.loads(text), ("instrument", name), Source(Path("example"), text))
+    with SENSOR_KINDS.entered(word, kind):
+        return read_sensors({name: table}, arm.robot)
 
 
 def check_exporter(export: Callable[..., Exported], **options: Any) -> None:

@@ -363,11 +363,13 @@ def fitted_to(
     else:
         fitted, flags = fit_learning(declared, blocks, laws, begun, used, not as_stated, progress)
     certainty = certainty_of(scattered or fitted)
-    calibrated = with_posteriors(fitted.setup.arm, fitted, certainty)
-    calibrated = replace(calibrated, instrument=fitted.setup.instrument)
+    calibrated = replace(with_posteriors(fitted.setup.arm, fitted, certainty), instrument=fitted.setup.instrument)
     errors = _held_out(placed, fitted, measurements, scattered or fitted)
     judgement = tuple(wrong_sigma(fitted, about, as_stated))
     timed = None if "time" in measurements.derived else measurements.time
+    # Of an instrument that was moved, or is not what it is said to be, that is said already.
+    # Nor is an arm worse than declared of which only the instrument was placed.
+    told = about or judgement or scattered or keep
     flags = (
         *derived,
         *about_time(declared.arm, measurements.known, timed),
@@ -378,13 +380,7 @@ def fitted_to(
         *far_from_declared(fitted, fitted.parameters, calibrated),
         *_against_load(fitted),
         *soft(calibrated.flexures, anywhere(arm.robot), arm.flags),
-        # Of an instrument that was moved, or is not what it is said to be, that is said already.
-        # Nor is an arm worse than declared of which only the instrument was placed.
-        *(
-            ()
-            if about or judgement or scattered or keep
-            else worse_than_declared(errors, fitted.view.readings.shown_in)
-        ),
+        *(() if told else worse_than_declared(errors, fitted.view.readings.shown_in)),
         *(() if scattered is None else _standing_off(certainty.unexplained)),
     )
     return Calibration(calibrated.left(), fitted, placed.view, measurements, flags, errors, scattered)

@@ -4,6 +4,7 @@ The laws are followed exactly along their values; the loads on them stay those o
 change by what the arm gives more or less over its length. What else was fitted goes along in straight lines.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,14 +83,7 @@ def sample_laws(
     ]
     others = fit.regressors.copy()
     others[:, places] = 0.0
-
-    # The (P, k) directions that are determined, each a standard deviation of Laplace's posterior long.
-    covariance = fit.posterior.covariance
-    scale = np.sqrt(np.diag(covariance))
-    unit = np.where(scale > 0.0, scale, 1.0)
-    size, axes = np.linalg.eigh(covariance / np.outer(unit, unit))
-    determined = size > ROUNDING * size[-1]
-    directions = unit[:, None] * axes[:, determined] * np.sqrt(size[determined])
+    directions = _determined(fit.posterior.covariance)
 
     def density(steps: Array) -> tuple[float, Array]:
         """Return the log posterior density, but for a constant, (k,) steps from the fit, and its gradient."""
@@ -107,18 +101,31 @@ def sample_laws(
 
     walks: list[SampledChain] = []
     for sequence in np.random.SeedSequence(seed).spawn(chains):
-        walks.append(no_u_turn(density, np.zeros(determined.sum()), np.eye(determined.sum()), draws, draws, sequence))
+        start, whitened = np.zeros(directions.shape[1]), np.eye(directions.shape[1])
+        walks.append(no_u_turn(density, start, whitened, draws, draws, sequence))
         if progress:
             progress(len(walks), chains)
     every = (fit.values + np.array([walk.draws for walk in walks]) @ directions.T)[:, :, places]
-
     # Judged by what the laws say at ten of the loads seen: values of networks may change places, answers not.
-    thinned, answers = np.linspace(0, len(view.rows) - 1, 10).astype(int), []
-    for values in every.reshape(-1, len(places)):
-        parts = zip(seen, block.split(values), strict=True)
-        twists = [law.at(part).twist(loads[thinned], row.some(thinned)) for (_, loads, law), part in parts]
-        answers.append(np.concatenate([twist[:, twist.any(axis=0)].ravel() for twist in twists]))
-    judged = np.array(answers).reshape(*every.shape[:2], -1)
+    thinned = np.linspace(0, len(view.rows) - 1, 10).astype(int)
+    few, of_rows = [(loads[thinned], law) for _, loads, law in seen], row.some(thinned)
+    judged = np.array([_said(few, of_rows, block.split(values)) for values in every.reshape(-1, len(places))])
+    judged = judged.reshape(*every.shape[:2], -1)
     report = diagnose(judged, sum(walk.divergences for walk in walks), float(np.mean([w.acceptance for w in walks])))
     split = block.split(every.reshape(-1, len(places)).T)
     return LawSamples(laws, dict(zip(block.flexures, [part.T for part in split], strict=True)), report)
+
+
+def _said(laws: Sequence[tuple[Array, LearnedLaw]], row: Row, parts: Sequence[Array]) -> Array:
+    """Return what laws of these values answer to loads, of all that answer at all."""
+    twists = [law.at(part).twist(loads, row) for (loads, law), part in zip(laws, parts, strict=True)]
+    return np.concatenate([twist[:, twist.any(axis=0)].ravel() for twist in twists])
+
+
+def _determined(covariance: Array) -> Array:
+    """Return (P, k) directions that are determined, each a standard deviation of Laplace's posterior long."""
+    scale = np.sqrt(np.diag(covariance))
+    unit = np.where(scale > 0.0, scale, 1.0)
+    size, axes = np.linalg.eigh(covariance / np.outer(unit, unit))
+    determined = size > ROUNDING * size[-1]
+    return unit[:, None] * axes[:, determined] * np.sqrt(size[determined])

@@ -38,31 +38,25 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
     joints = {(element.get("name") or "").strip(): element for element in root.findall("joint")}
     if whole.robot.tool_joint is not None and whole.robot.tool_joint not in joints:
         joint = whole.robot.urdf.joints[whole.robot.tool_joint]
-        etree.SubElement(root, "link", {"name": joint.child})
-        joints[joint.name] = etree.SubElement(root, "joint", {"name": joint.name, "type": "fixed"})
         place = {"xyz": _spaced(joint.origin), "rpy": _spaced(pin.rpy.matrixToRpy(joint.rotation))}
-        etree.SubElement(joints[joint.name], "origin", place)
-        for end, link in (("parent", joint.parent), ("child", joint.child)):
-            etree.SubElement(joints[joint.name], end, {"link": link})
+        joints[joint.name] = _fixed(root, joint.name, joint.parent, joint.child, place)
     links = {(element.get("name") or "").strip(): element for element in root.findall("link")}
     for joint in whole.robot.places:
         moved = corrections.frame(joint) * corrections.zero(joint)
         if not moved.isIdentity(0.0):
             place = pin.SE3(joint.rotation, joint.origin) * moved
-            origin = _child(joints[joint.name], "origin")
-            origin.set("xyz", _spaced(place.translation))
-            origin.set("rpy", _spaced(pin.rpy.matrixToRpy(place.rotation)))
+            turn = _spaced(pin.rpy.matrixToRpy(place.rotation))
+            _child(joints[joint.name], "origin").attrib.update({"xyz": _spaced(place.translation), "rpy": turn})
     weighed = {name: np.zeros(4) for name in whole.masses if name in links}
     for name, extra in {**weighed, **corrections.bodies}.items():
         body = corrections.body(name, whole.robot.urdf.links[name].inertial)
         if body is None:
             continue
-        new = links[name].find("inertial") is None
-        inertial = _child(links[name], "inertial")
+        new, inertial = links[name].find("inertial") is None, _child(links[name], "inertial")
         _child(inertial, "mass").set("value", repr(float(body.mass)))
-        origin = _child(inertial, "origin")
         nominal = whole.robot.urdf.links[name].inertial
-        origin.set("xyz", _spaced(extra[1:] if nominal is None else nominal.origin + extra[1:]))
+        centre = extra[1:] if nominal is None else nominal.origin + extra[1:]
+        _child(inertial, "origin").set("xyz", _spaced(centre))
         tensor = _child(inertial, "inertia")
         if name in weighed:  # the moments of inertia with it, in their own axes
             factor = math.exp(whole.masses[name])
@@ -71,11 +65,7 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
             tensor.attrib.update(dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0"))
     for name, (link, place) in measured_points(whole).items():
         name = _unused(name, links, joints)
-        links[name] = etree.SubElement(root, "link", {"name": name})
-        joints[name] = etree.SubElement(root, "joint", {"name": f"{name}_joint", "type": "fixed"})
-        etree.SubElement(joints[name], "origin", {"xyz": _spaced(place), "rpy": "0.0 0.0 0.0"})
-        for end, joined in (("parent", link), ("child", name)):
-            etree.SubElement(joints[name], end, {"link": joined})
+        joints[name] = _fixed(root, f"{name}_joint", link, name, {"xyz": _spaced(place), "rpy": "0.0 0.0 0.0"})
     notes, numbers = left_out(whole, rows, points=True)
     if whole.robot.tool_joint is not None:
         notes += (
@@ -91,6 +81,16 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
         )
     text = etree.tostring(root.getroottree(), encoding="utf-8", xml_declaration=True).decode()
     return Exported(text + "\n", notes, numbers)
+
+
+def _fixed(root: etree._Element, name: str, parent: str, child: str, place: dict[str, str]) -> etree._Element:
+    """Add a link that is fixed to another one, and return its joint."""
+    etree.SubElement(root, "link", {"name": child})
+    joint = etree.SubElement(root, "joint", {"name": name, "type": "fixed"})
+    etree.SubElement(joint, "origin", place)
+    for end, link in (("parent", parent), ("child", child)):
+        etree.SubElement(joint, end, {"link": link})
+    return joint
 
 
 def _as_xml(urdf: Urdf) -> etree._Element:

@@ -51,8 +51,7 @@ def condense(
         UnitError: Its size is that of another unit.
         UnknownNameError: A set is not there.
     """
-    said = tick or (lambda *_: None)
-    loaded = tuple(loaded)
+    said, loaded = tick or (lambda *_: None), tuple(loaded)
     matrices, mesh = (structure, structure.mesh) if isinstance(structure, Matrices) else (None, structure)
     sets = interfaces_of(mesh, fixed, loaded, whole=matrices is None)
     if matrices is None:
@@ -71,9 +70,7 @@ def condense(
     compliance = 0.5 * (compliance + compliance.T)
     shapes = np.linalg.solve(compliance, moves[:, :size].T).T
     carried_rigid, inner_mass = rigid.T @ moved, shapes.T @ (inner @ shapes)
-    mass, first = float(carried_rigid[0, 0]), carried_rigid[3:, :3]  # the skew matrix of the centre's place, times mass
-    arm = np.array([first[2, 1], first[0, 2], first[1, 0]]) / mass if mass else np.zeros(3)
-    inertia = carried_rigid[3:, 3:] - mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    mass, arm, inertia = _inertia(carried_rigid)
     flags, frequencies = list(mesh.flags), np.zeros(0)
     if mass > 0.0:
         said("natural frequencies", 0, None)
@@ -104,6 +101,13 @@ def condense(
         flags=tuple(dict.fromkeys(flags)),
         surface=_surface(mesh, np.asarray(reduced @ shapes)) if mesh is structure and len(loaded) == 1 else None,
     )
+
+
+def _inertia(rigid: Array) -> tuple[float, Array, Array]:
+    """Return mass [kg], centre [m] and inertia about it [kg m^2] of a rigid body with a (6, 6) mass matrix."""
+    mass, first = float(rigid[0, 0]), rigid[3:, :3]  # the skew matrix of the centre's place, times mass
+    arm = np.array([first[2, 1], first[0, 2], first[1, 0]]) / mass if mass else np.zeros(3)
+    return mass, arm, rigid[3:, 3:] - mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
 
 
 def _solved(

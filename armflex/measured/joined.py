@@ -74,6 +74,7 @@ def joined(campaigns: Sequence[Measurements], arm: Arm) -> Measurements:
     timed, first = not any("time" in campaign.derived for campaign in campaigns), campaigns[0]
     times, periods = _going_on(campaigns)
     covariates, flags = _columns(given, arm)
+    said = [replace(flag, text=f"{name}: {flag.text}") for name, rows in given.items() for flag in rows.flags]
     places = tuple(place for campaign in campaigns for place in campaign.places)
     without_hold = [name for name, campaign in given.items() if campaign.hold is None]
     if 0 < len(without_hold) < len(given):
@@ -95,10 +96,7 @@ def joined(campaigns: Sequence[Measurements], arm: Arm) -> Measurements:
         campaign=texts(lambda name, rows: [name] * len(rows)),
         readings=_readings(campaigns),
         sha256=hashlib.sha256("".join(campaign.sha256 for campaign in campaigns).encode()).hexdigest(),
-        flags=tuple(
-            [replace(flag, text=f"{name}: {flag.text}") for name, campaign in given.items() for flag in campaign.flags]
-            + flags
-        ),
+        flags=(*said, *flags),
         frame=first.frame if all(campaign.frame == first.frame for campaign in campaigns) else "",
         periods=tuple(periods) if timed else (),
         units={

@@ -86,19 +86,25 @@ def main() -> None:
     except Refused as error:
         code, said = REFUSED, str(error)
     except (Exception, SystemExit) as error:  # every fault of the file, of whatever kind
-        cause = getattr(error, "exc", None) or error
-        ours = isinstance(cause, PackageError | ArgumentError)
-        kind, text = type(cause).__name__, " ".join(str(cause if ours else error).split())
-        code, said = FAILED, f"xacro cannot expand it: {'' if ours else f'{kind}: '}{text}"
-        if isinstance(cause, ArgumentError) or "substitution argument" in text:
-            said += "; [robot] xacro_arguments = { NAME = VALUE } of an arm.toml gives arguments"
-        if isinstance(cause, PackageError):
-            said += "; ROS_PACKAGE_PATH lists folders that hold packages, AMENT_PREFIX_PATH those with share/PACKAGE"
-        if ours or "substitution argument" in text:
-            said += f"; or expand it yourself: xacro {name} NAME:=VALUE > robot.urdf"
+        code, said = FAILED, _told(error, name)
     out.buffer.write(said.encode("utf-8", "replace"))
     out.flush()
     os._exit(code)  # at once: nothing is to be tidied up, and some of that would be refused
+
+
+def _told(error: BaseException, name: str) -> str:
+    """Return what is wrong with a file of a name, and what to do."""
+    cause = getattr(error, "exc", None) or error
+    ours = isinstance(cause, PackageError | ArgumentError)
+    kind, text = type(cause).__name__, " ".join(str(cause if ours else error).split())
+    said = f"xacro cannot expand it: {'' if ours else f'{kind}: '}{text}"
+    if isinstance(cause, ArgumentError) or "substitution argument" in text:
+        said += "; [robot] xacro_arguments = { NAME = VALUE } of an arm.toml gives arguments"
+    if isinstance(cause, PackageError):
+        said += "; ROS_PACKAGE_PATH lists folders that hold packages, AMENT_PREFIX_PATH those with share/PACKAGE"
+    if ours or "substitution argument" in text:
+        said += f"; or expand it yourself: xacro {name} NAME:=VALUE > robot.urdf"
+    return said
 
 
 class _Arguments(dict[str, str]):

@@ -263,9 +263,8 @@ def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, 
     }
     deflection = _deflected(certain, rows, columns, asked)
     # The tip's position comes first; see `Readings`.
-    wanted = [Position.unread(len(rows))]
-    read = {name: sensor for name, sensor in arm.sensors.items() if sensor.foreseen}
-    wanted += [sensor.unread(len(rows)) for sensor in read.values()]
+    read = [sensor for sensor in arm.sensors.values() if sensor.foreseen]
+    wanted = [Position.unread(len(rows)), *(sensor.unread(len(rows)) for sensor in read)]
     readings = Readings(len(rows), tuple(wanted))
     tip = readings.foremost
     fitted, about = fitted_variance(arm, rows, readings)
@@ -292,15 +291,11 @@ def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, 
             predicted_kind = replace(kind, values=kind.predicted(view.at))
             sensors.append((predicted_kind, None if variance is None else np.sqrt(variance[:, place])))
     sigma = None if variance is None else np.sqrt(variance[:, tip])
-    outside: tuple[tuple[Flag, ...], ...] = ()
-    if arm.stack.trained or any(effect.ranges for effect in arm.effects):
-        beyond = dict(deflection.unseen())
-        outside = tuple(beyond.get(i, ()) for i in range(len(rows)))
-    return (
-        Prediction(rows, position, rotation, sigma, deflection.displacement, (), tuple(sensors), outside),
-        deflection,
-        about,
-    )
+    ranged = arm.stack.trained or any(effect.ranges for effect in arm.effects)
+    unseen = dict(deflection.unseen()) if ranged else {}
+    outside = tuple(unseen.get(i, ()) for i in every.tolist()) if ranged else ()
+    prediction = Prediction(rows, position, rotation, sigma, deflection.displacement, (), tuple(sensors), outside)
+    return prediction, deflection, about
 
 
 def _deflected(arm: Arm, rows: Measurements, columns: Mapping[str, Array], asked: Mapping[str, Any]) -> DeflectionBatch:

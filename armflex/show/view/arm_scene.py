@@ -27,6 +27,7 @@ from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.loaded import Payload
 from armflex.mechanics.modes import modes_of
 from armflex.progress import Progress
+from armflex.robot.urdf import Joint
 from armflex.rows.wrench import Wrench
 from armflex.show.view.scene_3d import (
     LegendRow,
@@ -301,32 +302,20 @@ def posable(arm: Arm, shown: Deflection, factor: float, when: str = "") -> dict[
 
     now, sliders, case = flexed(shown), [], shown.case
     asked: dict[str, Any] = {"covariates": dict(case.covariates), "wrenches": case.wrenches, "enforce_limits": False}
+
+    def there(q: Array) -> Array:
+        try:
+            return flexed(arm.deflection(q, shown.payload, **asked))
+        except ArmflexError:
+            return now
+
     for i, joint in enumerate(robot.moving):
         low, high = np.clip([joint.lower, joint.upper], -SLIDERS, SLIDERS)
         # Positions along a joint at which the arm is asked for a slider's table.
-        samples, table = np.linspace(min(low, shown.q[i]), max(high, shown.q[i]), 9), []
-        for position in samples:
-            q = np.where(np.arange(len(shown.q)) == i, position, shown.q)
-            try:
-                table.append(flexed(arm.deflection(q, shown.payload, **asked)))
-            except ArmflexError:
-                table.append(now)
-        pose = rigid[joint.child]
-        sliders.append(
-            {
-                "name": joint.name,
-                "slides": joint.kind == "prismatic",
-                "low": float(samples[0]),
-                "high": float(samples[-1]),
-                "here": float(shown.q[i]),
-                "point": (mount @ pose[:3, 3]).tolist(),
-                "axis": (mount @ pose[:3, :3] @ joint.axis).tolist(),
-                "samples": samples.tolist(),
-                "flexed": np.round(table, DIGITS).tolist(),
-            }
-        )
-    level = np.eye(4)
-    level[:3, :3] = mount
+        samples = np.linspace(min(low, shown.q[i]), max(high, shown.q[i]), 9)
+        table = [there(np.where(np.arange(len(shown.q)) == i, position, shown.q)) for position in samples]
+        sliders.append(_slider(joint, float(shown.q[i]), mount, rigid[joint.child], samples, table))
+    level = pin.SE3(mount, np.zeros(3)).homogeneous
     return {
         "sliders": sliders,
         "links": links,
@@ -337,6 +326,23 @@ def posable(arm: Arm, shown: Deflection, factor: float, when: str = "") -> dict[
         "magnification": factor,
         "when": when,
         "swings": list(_swings(shown, arm, lambda twists: flexed(shown, SMALL * twists) - now)),
+    }
+
+
+def _slider(
+    joint: Joint, here: float, mount: Array, pose: Array, samples: Array, table: Sequence[Array]
+) -> dict[str, Any]:
+    """Return what a page needs to move one joint, see `posable`."""
+    return {
+        "name": joint.name,
+        "slides": joint.kind == "prismatic",
+        "low": float(samples[0]),
+        "high": float(samples[-1]),
+        "here": here,
+        "point": (mount @ pose[:3, 3]).tolist(),
+        "axis": (mount @ pose[:3, :3] @ joint.axis).tolist(),
+        "samples": samples.tolist(),
+        "flexed": np.round(table, DIGITS).tolist(),
     }
 
 

@@ -236,11 +236,7 @@ def map_workspace(
     """
     rows, seed, draws = _counts(rows, seed, draws)
     lower, upper, flags = drawn_range(arm)
-    names = (payloads,) if isinstance(payloads, str) else tuple(payloads)
-    if not names or not all(isinstance(name, str) for name in names) or len(set(names)) < len(names):
-        raise InputError(f"payloads {names!r}: expected one name or several different ones")
-    for name in names:
-        arm.payload(name)
+    names = _names(arm, payloads)
     if method not in METHODS:
         raise UnknownNameError("method", method, METHODS)
     edge = _edge(voxel, furthest(arm, lower, upper), rows)
@@ -257,18 +253,14 @@ def map_workspace(
 
     with closing(in_order((partial(answers, question, q) for q in drawn.chunks()), jobs)) as chunks:
         tally, met = _gathered(drawn, chunks, partial(tick, 0))
-    answered, sigma, swing = tally.answered > 0, None, None
+    answered, sigma, swing = tally.answered > 0, np.full(len(tally), np.nan), np.full(len(tally), np.nan)
     if uncertainty:
-        sigma = np.full(len(tally), np.nan)
         for voxels, (values, raised) in _of_worst(sigmas, question, tally, jobs, partial(tick, 1)):
             sigma[voxels] = values
             met |= {flag.code: flag for flag in raised}
-        sigma = sigma if np.isfinite(sigma).any() or "undetermined" in met else None
     if frequency:
-        swing = np.full(len(tally), np.nan)
         for voxels, values in _of_worst(frequencies, question, tally, jobs, partial(tick, 1 + uncertainty)):
             swing[voxels] = values
-    blank = np.where(answered, 0.0, np.nan)
     return WorkspaceMap(
         voxel=edge,
         index=cell_indices(tally.cell),
@@ -276,11 +268,11 @@ def map_workspace(
         answered=tally.answered,
         refused=tally.refused,
         reasons=tuple(NO_ANSWER),
-        mean=tally.total / np.maximum(tally.answered, 1) + blank,
+        mean=np.where(answered, tally.total / np.maximum(tally.answered, 1), np.nan),
         worst=np.where(answered, tally.worst, np.nan),
-        sigma=sigma,
+        sigma=sigma if np.isfinite(sigma).any() or (uncertainty and "undetermined" in met) else None,
         worst_of_draws=tally.worst_of_draws if draws else None,
-        frequency=swing,
+        frequency=swing if frequency else None,
         worst_q=tally.q,
         worst_payload=tally.payload,
         payloads=names,
@@ -292,6 +284,16 @@ def map_workspace(
         draws=draws,
         flags=(*flags, *about_time(arm, {TIME, *settled}), *met.values()),
     )
+
+
+def _names(arm: Arm, payloads: str | Sequence[str]) -> tuple[str, ...]:
+    """Return the payloads that are asked for, each once, all of them the arm's."""
+    names = (payloads,) if isinstance(payloads, str) else tuple(payloads)
+    if not names or not all(isinstance(name, str) for name in names) or len(set(names)) < len(names):
+        raise InputError(f"payloads {names!r}: expected one name or several different ones")
+    for name in names:
+        arm.payload(name)
+    return names
 
 
 def _counts(rows: int, seed: int, draws: int) -> tuple[int, int, int]:
