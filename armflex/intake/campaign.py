@@ -65,14 +65,11 @@ class Intake:
 
 @dataclass
 class _Placed:
-    """What was read of targets in (N,) rows, export after export.
+    """What was read in (N,) rows, export after export.
 
     Attributes:
-        names: (N,) of the rows.
         targets: (N, 3) places [m] of each target by label, nan where none was read.
         turned: (N, 4) quaternions x y z w of the first target, of no rows where none has any.
-        matches: The rows of each export.
-        hows, notes: What says which row is of which, and what was found.
     """
 
     names: list[str]
@@ -150,7 +147,7 @@ def campaign(
         records: One log, and exports and pictures of it.
         sigmas: One standard deviation of a coordinate [m], and of an orientation [rad].
         beside: Folder of the campaign.
-        notes: What was found so far.
+        notes: What was found of clocks and files.
 
     Raises:
         TableError: Nothing says which rows are of one another, or a joint has no position.
@@ -244,13 +241,7 @@ def _taken(records: Sequence[Record]) -> tuple[tuple[str, str, str, str, str], .
 
 
 def _unheld(export: Record, row_of: Mapping[str, np.ndarray], joints: Array) -> tuple[Record, Sequence[str]]:
-    """Return an export that is empty where an instrument holds its last place, see `repeated`, and a note of it.
-
-    Args:
-        export: With x, y and z.
-        row_of: By target, (N,) its row for each of the log, -1 for none.
-        joints: (N, n) positions in the log [rad or m].
-    """
+    """Return an export that is empty where an instrument holds its last place, see `repeated`, and a note of it."""
     places = export.places
     gone = np.zeros(len(places), dtype=bool)
     for rows in row_of.values():
@@ -263,13 +254,7 @@ def _unheld(export: Record, row_of: Mapping[str, np.ndarray], joints: Array) -> 
 
 
 def _add_beside(columns: dict[str, Sequence[Any]], export: Record, rows: np.ndarray) -> list[str]:
-    """Add what an export has beside its readings to a campaign; return what is left out of it, in words.
-
-    Args:
-        columns: Of the campaign; they are not replaced.
-        export: The export.
-        rows: (N,) its row for each of the campaign, -1 for none.
-    """
+    """Add what an export has beside its readings to a campaign, in (N,) rows of it; return what is left out of it."""
     for meaning, cells in export.of("covariate", "kept"):
         if meaning.name not in columns:
             values, there = numbers(cells)[rows], rows >= 0

@@ -46,11 +46,6 @@ def matched(log: Record, names: list[str], export: Record) -> Match:
     By name where the files share any; by time where both have a clock and one is a recording, or their order is in
     doubt; else row by row where they are as long, else by time.
 
-    Args:
-        log: Of N rows.
-        names: (N,) what they are called.
-        export: Places, or pictures.
-
     Raises:
         TableError: Nothing says which rows are of one another: names that differ are no order.
     """
@@ -68,52 +63,49 @@ def matched(log: Record, names: list[str], export: Record) -> Match:
 
 @dataclass(frozen=True, eq=False)
 class _Sides:
-    """A log and an export that belong together, and what their rows are called.
+    """A log of N rows and an export of M points or pictures that belong together, and what their rows are called.
 
     Attributes:
-        log, export: Of N rows, and of M points or pictures.
-        names: (N,) what rows are called.
         wanted, given: (N,) and (M,) names of rows and points as written, None where a side has none.
         split: (M,) names of points without groups, and which target of several each is of.
         rows_of: Rows of each target, '' where there is one.
+        counted: Whether names of rows only count them.
+        equal: Whether each target has as many points as there are rows.
     """
 
     log: Record
     export: Record
     names: list[str]
+    what: str
     wanted: list[str] | None
     given: list[str] | None
     split: list[tuple[str, str]]
     rows_of: dict[str, np.ndarray]
+    counted: bool
+    equal: bool
 
     @classmethod
     def of(cls, log: Record, names: list[str], export: Record) -> Self:
         wanted, given = (
             None if (cells := side.cells("name")) is None else [*map(str, cells)] for side in (log, export)
         )
-        if export.has("picture"):
+        what = "picture" if export.has("picture") else "point"
+        if what == "picture":
             pictured, given = log.cells("picture"), given or []
             wanted = names if pictured is None else [Path(str(picture)).stem for picture in pictured]
         labels = [""] * len(export.lines) if given is None else [*map(_bare, given)]
         split = [(match[1], match[2]) if (match := TARGET.fullmatch(label)) else (label, "") for label in labels]
-        if export.has("picture") or not all(len(set(parts)) > 1 for parts in zip(*split, strict=True)):
+        if what == "picture" or not all(len(set(parts)) > 1 for parts in zip(*split, strict=True)):
             split = [(label, "") for label in labels]
         targets = sorted({target for _, target in split}) or [""]
         rows_of = {target: np.array([i for i, (_, of) in enumerate(split) if of == target]) for target in targets}
-        return cls(log, export, names, wanted, given, split, rows_of)
-
-    @property
-    def what(self) -> str:
-        return "picture" if self.export.has("picture") else "point"
+        counted = what == "point" and any(one.kind == "name" and one.why == COUNTS for one in log.meant)
+        equal = all(len(rows) == len(names) for rows in rows_of.values())
+        return cls(log, export, names, what, wanted, given, split, rows_of, counted, equal)
 
     @property
     def several(self) -> str:
         return f", targets {listing(self.rows_of)}" if len(self.rows_of) > 1 else ""
-
-    @cached_property
-    def counted(self) -> bool:
-        """Whether names of rows only count them."""
-        return self.what == "point" and any(one.kind == "name" and one.why == COUNTS for one in self.log.meant)
 
     @cached_property
     def pairing(self) -> Pairing | None:
@@ -125,14 +117,9 @@ class _Sides:
         return pairing if certain else None
 
     @cached_property
-    def equal(self) -> bool:
-        return all(len(rows) == len(self.names) for rows in self.rows_of.values())
-
-    @cached_property
     def unlike(self) -> bool:
         """Whether both have names, and they are not the same."""
-        both = (self.wanted, self.given)
-        named = all(cells is not None and len(set(cells)) > 1 for cells in both)
+        named = all(cells is not None and len(set(cells)) > 1 for cells in (self.wanted, self.given))
         return self.what == "point" and not self.counted and named
 
     @cached_property
@@ -143,12 +130,10 @@ class _Sides:
     @cached_property
     def resorted(self) -> bool:
         """Whether the names that one of both has say that it stands in another order."""
-        ordered = None
-        if self.given is None:
-            ordered = self.names if self.wanted is not None and not self.counted else None
-        elif self.wanted is None or self.counted:
-            ordered = self.called
-        return self.what == "point" and ordered is not None and is_resorted(ordered)
+        unnamed = self.wanted is None or self.counted
+        if self.what == "picture" or (self.given is None) == unnamed:
+            return False
+        return is_resorted(self.called if unnamed else self.names)
 
     @cached_property
     def timed(self) -> bool:

@@ -66,11 +66,7 @@ def in_words(meaning: Meaning) -> str:
 def settled(record: Record, ask: Ask | None, slides: Sequence[str], placed: bool) -> tuple[Record, list[str]]:
     """Return a file with every open unit settled and lost targets left out, and what is wrong with it.
 
-    Args:
-        record: The file.
-        ask: Asks for a unit that is open; one is an error where not given.
-        slides: Names of joints that are lengths.
-        placed: Whether its places count.
+    `slides` are names of joints that are lengths, `placed` says whether its places count.
     """
     wrong, sampled = list[str](), False
     try:

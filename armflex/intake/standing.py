@@ -38,12 +38,9 @@ class Recording:
     notes: tuple[str, ...] = ()
 
     def steady(self, log: Self, spans: Array, shift: float) -> Self:
-        """Return a target's recording without places that are held or left while the arm stands.
+        """Return a target's recording without places that are held or left in (K, 2) spans [s] in which the arm stands.
 
-        Args:
-            log: That of the joints.
-            spans: (K, 2) first and last time of each stand [s].
-            shift: How much its clock is ahead of that of the log [s].
+        Its clock is ahead of that of the log by `shift` [s].
         """
         record, (places, _) = self.record, self.record.moved
         joints, _ = log.record.moved
@@ -115,12 +112,7 @@ def filled(record: Record) -> Record:
 
 
 def _recording(record: Record, written: Record) -> Recording | None:
-    """Return a record as a recording, None where each row is of a pose.
-
-    Raises:
-        InputError: Its rows are samples without a clock.
-        TableError: Two programs wrote it, or its clock goes back.
-    """
+    """Return a record as a recording, None where each row is of a pose."""
     time, (values, unit) = times(record), record.moved
     if time is None or not streams.is_dense(even := streams.spread(time), values, unit):
         if len(values) >= SAMPLES and streams.is_sampled(
@@ -150,11 +142,7 @@ def _recording(record: Record, written: Record) -> Recording | None:
 
 
 def _stands(recording: Recording) -> tuple[Array, list[str]]:
-    """Return (K, 2) first and last time [s] of each stand of a recording, and what was found of them.
-
-    Raises:
-        InputError: There is none.
-    """
+    """Return (K, 2) first and last time [s] of each stand of a recording, and what was found of them."""
     time, (values, unit), title = recording.time, recording.record.moved, recording.record.title
     notes, read = list[str](), time[np.isfinite(values).all(axis=1)]
     before, after = (read.min() - time.min(), time.max() - read.max()) if len(read) else (0.0, 0.0)
@@ -174,15 +162,7 @@ def _stands(recording: Recording) -> tuple[Array, list[str]]:
 
 
 def _continuous(record: Record, time: Array) -> Record:
-    """Return a recording of joints without the full turns by which they jump, and empty where they never were.
-
-    Args:
-        record: The recording.
-        time: (N,) [s].
-
-    Raises:
-        TableError: Two programs wrote its positions.
-    """
+    """Return a recording of joints without the full turns by which they jump, and empty where they never were."""
     order, columns, notes = np.argsort(time, kind="stable"), list(record.columns), record.notes
     values, _ = record.moved
     gone = np.zeros(len(time), dtype=bool)
