@@ -27,9 +27,8 @@ from armflex.storage.whole_file import together
 
 @click.command(cls=options.Command)
 @click.option("-o", "--output", required=True, type=options.OutputPath(), help="Calibrated arm.toml to write.")
-@click.option(
-    "--sample", type=click.IntRange(FEWEST_DRAWS), help="Draws per chain: learned laws by NUTS as well (minutes)."
-)
+@click.option("--sample", type=click.IntRange(FEWEST_DRAWS),
+              help="Draws per chain: learned laws by NUTS as well (minutes).")  # fmt: skip
 @click.option("--all", "show_all", is_flag=True, help="List every parameter, also the unremarkable.")
 @click.option("--report", "report_path", type=options.OutputPath(), help="HTML page of the calibration to write.")
 @options.campaign

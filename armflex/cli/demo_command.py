@@ -45,9 +45,8 @@ PRESETS = {
 
 
 @click.command(cls=options.Command)
-@click.option(
-    "-o", "--output", type=options.InputPath, default="armflex_demo", show_default=True, help="Folder to write."
-)
+@click.option("-o", "--output", type=options.InputPath, default="armflex_demo", show_default=True,
+              help="Folder to write.")  # fmt: skip
 def command(output: Path) -> None:
     """Load the TARM-like boom, show its sag, check and compensate a path, use the paper's joint, trace a campaign."""
     folder, page = output / "tarm_like", output / "tarm_like.html"

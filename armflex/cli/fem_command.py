@@ -29,21 +29,16 @@ SOLVERS = {"calculix": "CalculiX, with large displacements", "linear": "a linear
 @click.argument("mesh_path", metavar="MESH", type=options.InputPath)
 @click.option("--fixed", required=True, metavar="SET", help="The set of nodes, or surface, that is held.")
 @click.option("--loaded", required=True, metavar="SET[,SET]", help="The sets that carry load; each is an interface.")
-@click.option(
-    "--unit", type=options.Choice(tuple(UNITS)), default="m", show_default=True, help="Of the mesh; mm: mm, N, t, MPa."
-)
+@click.option("--unit", type=options.Choice(tuple(UNITS)), default="m", show_default=True,
+              help="Of the mesh; mm: mm, N, t, MPa.")  # fmt: skip
 @click.option("--young", type=float, help="Young's modulus of all elements [Pa].")
 @click.option("--poisson", type=float, help="Poisson's ratio of all elements.")
 @click.option("--density", type=float, help="Density of all elements [kg/m^3].")
 @click.option("--young-std", type=click.FloatRange(0.0, 1.0), default=0.0, help="Relative std of Young's modulus.")
 @click.option("--size", type=options.Quantity("length"), metavar="20mm", help="Edge of the elements of a STEP file.")
-@click.option(
-    "--interface",
-    type=options.Choice(("rigid", "average")),
-    default="rigid",
-    show_default=True,
-    help="A loaded set moves as one body, or its motion is the mean of its nodes' and its load distributed.",
-)
+@click.option("--interface", type=options.Choice(("rigid", "average")), default="rigid", show_default=True,
+              help="A loaded set moves as one body, or its motion is the mean of its nodes' and its load "
+                   "distributed.")  # fmt: skip
 @click.option("--table", type=click.IntRange(1, 100_000), metavar="N", help="Write a table of N random loads instead.")
 @click.option("--load", metavar="1kN:5kN", help="With --table: least and largest force, of any direction.")
 @click.option("--moment", metavar="1kNm:5kNm", help="With --table: least and largest moment; without it there is none.")

@@ -18,11 +18,8 @@ from armflex.storage.whole_file import together
 
 @click.command(cls=options.Command)
 @click.argument("paths", metavar="ARM.toml ...", nargs=-1, required=True, type=options.InputPath)
-@click.option(
-    "--dates",
-    metavar="2026-01-15,..",
-    help="Dates of the calibrations, in their order; without it they are evenly spaced.",
-)
+@click.option("--dates", metavar="2026-01-15,..",
+              help="Dates of the calibrations, in their order; without it they are evenly spaced.")  # fmt: skip
 @click.option("-o", "--output", type=options.OutputPath(), help="HTML page to write.")
 def command(paths: tuple[Path, ...], dates: str | None, output: Path | None) -> None:
     """Say which parameters of one machine jumped or drifted between its calibrations, and since when.

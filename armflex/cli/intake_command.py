@@ -14,25 +14,16 @@ from armflex.storage.whole_file import together, write_whole
 @click.command(cls=options.Command)
 @click.argument("paths", metavar="FILE...", nargs=-1, required=True, type=options.InputPath)
 @options.as_they_are
-@click.option(
-    "--dh", type=options.Choice(["standard", "modified"]), help="Form of a table of DH parameters among the files."
-)
-@click.option(
-    "--board",
-    metavar="charuco,8x6,30mm,22mm",
-    help="The board in a folder of pictures: kind, columns x rows, lengths of its print, for charuco and apriltag also "
-    "the dictionary. Without it the arm file must declare the board.",
-)
+@click.option("--dh", type=options.Choice(["standard", "modified"]),
+              help="Form of a table of DH parameters among the files.")  # fmt: skip
+@click.option("--board", metavar="charuco,8x6,30mm,22mm",
+              help="The board in a folder of pictures: kind, columns x rows, lengths of its print, for charuco and "
+                   "apriltag also the dictionary. Without it the arm file must declare the board.")  # fmt: skip
 @click.option("--board-on-arm", is_flag=True, help="The board is on the arm and the camera beside it.")
 @click.option("--tip", metavar="LINK", help="Last link of the arm, where a URDF among the files ends in several.")
-@click.option(
-    "--arm",
-    "arm_path",
-    metavar="ARM.toml",
-    type=options.OutputPath(),
-    help="Arm file to write, where a URDF, a table of DH parameters or a pointing run is given; cameras, further "
-    "targets and the star are in it.",
-)
+@click.option("--arm", "arm_path", metavar="ARM.toml", type=options.OutputPath(),
+              help="Arm file to write, where a URDF, a table of DH parameters or a pointing run is given; cameras, "
+                   "further targets and the star are in it.")  # fmt: skip
 @click.option("-o", "--output", required=True, type=options.OutputPath(), help="Campaign to write.")
 def command(
     paths: tuple[Path, ...],

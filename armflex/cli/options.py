@@ -245,11 +245,9 @@ def same_file(output: Path, other: Path) -> bool:
     return os.path.realpath(output) == os.path.realpath(other)  # also of links that end nowhere, or in a circle
 
 
-lax = click.option(
-    "--lax",
-    is_flag=True,
-    help="Warn of unknown URDF tags on the chain, and of impossible inertias in motion, instead of refusing them.",
-)
+lax = click.option("--lax", is_flag=True,
+                   help="Warn of unknown URDF tags on the chain, and of impossible inertias in motion, instead of "
+                        "refusing them.")  # fmt: skip
 
 
 def arm(function: Callable) -> Callable:
@@ -269,13 +267,9 @@ def arm(function: Callable) -> Callable:
 def as_in_campaign(function: Callable) -> Callable:
     """Add `--as-in`; the command, whose arm comes first, is called with the arm on that campaign's clock."""
 
-    @click.option(
-        "--as-in",
-        "campaign_path",
-        type=InputPath,
-        metavar="CAMPAIGN.csv",
-        help="Times are those of this campaign, which ARM was fitted to; else the arm is meant as it was left.",
-    )
+    @click.option("--as-in", "campaign_path", type=InputPath, metavar="CAMPAIGN.csv",
+                  help="Times are those of this campaign, which ARM was fitted to; else the arm is meant as it was "
+                       "left.")  # fmt: skip
     @functools.wraps(function)
     def on_clock(arm: Arm, campaign_path: Path | None, **rest: Any) -> Any:
         return function(arm if campaign_path is None else as_in(arm, campaign_path), **rest)
@@ -283,20 +277,16 @@ def as_in_campaign(function: Callable) -> Callable:
     return on_clock
 
 
-keep = click.option(
-    "--keep",
-    is_flag=True,
-    help="ARM is calibrated or traced already: keep it, and fit only where the instrument stands. The uncertainty of "
-    "the fitted parameters is kept and enters that of the new frames. Not for an arm with an "
-    "effect on the model itself: link_mass, payload_mass, payload_com, gravity_tilt, tracker_scale, session_frame.",
-)
+keep = click.option("--keep", is_flag=True,
+                    help="ARM is calibrated or traced already: keep it, and fit only where the instrument stands. "
+                         "The uncertainty of the fitted parameters is kept and enters that of the new frames. Not "
+                         "for an arm with an effect on the model itself: link_mass, payload_mass, payload_com, "
+                         "gravity_tilt, tracker_scale, session_frame.")  # fmt: skip
 
 
-anyway = click.option(
-    "--anyway",
-    is_flag=True,
-    help="Take the campaign as it is written, even if it is plausible only in another convention.",
-)
+anyway = click.option("--anyway", is_flag=True,
+                      help="Take the campaign as it is written, even if it is plausible only in another "
+                           "convention.")  # fmt: skip
 
 
 def as_they_are(function: Callable) -> Callable:
@@ -432,13 +422,9 @@ def declared_arm(path: Path, command: str, keep: bool | None = None, lax: bool =
     return arm
 
 
-covariates = click.option(
-    "--covariates",
-    default="",
-    metavar="temperature=25,approach_A2=1",
-    callback=lambda context, parameter, text: parse_covariates(text),
-    help="Values of covariates that no column gives, in SI and degrees Celsius.",
-)
+covariates = click.option("--covariates", default="", metavar="temperature=25,approach_A2=1",
+                          callback=lambda context, parameter, text: parse_covariates(text),
+                          help="Values of covariates that no column gives, in SI and degrees Celsius.")  # fmt: skip
 
 
 def named_values(texts: Iterable[str], form: str) -> dict[str, list[float]]:
@@ -466,15 +452,9 @@ def parse_covariates(text: str) -> dict[str, float]:
     return {name: value for name, (value,) in named_values(parts, "NAME=NUMBER or COLUMN=LEVEL=NUMBER").items()}
 
 
-settable = click.option(
-    "--covariates",
-    "--covariate",
-    "covariates",
-    multiple=True,
-    metavar="NAME=LOW,HIGH",
-    callback=lambda context, parameter, texts: named_values(texts, "NAME=NUMBER,NUMBER"),
-    help="Values that can be set of what effects depend on; once for each name.",
-)
+settable = click.option("--covariates", "--covariate", "covariates", multiple=True, metavar="NAME=LOW,HIGH",
+                        callback=lambda context, parameter, texts: named_values(texts, "NAME=NUMBER,NUMBER"),
+                        help="Values that can be set of what effects depend on; once for each name.")  # fmt: skip
 
 
 def points(function: Callable) -> Callable:
@@ -482,9 +462,8 @@ def points(function: Callable) -> Callable:
 
     @click.option("--points", "points_path", type=InputPath, help="Positions exported apart from MEAS.csv.")
     @click.option("--points-unit", metavar="mm", help="Unit of these positions, where their file does not state it.")
-    @click.option(
-        "--points-frame", metavar="NAME", help="Frame of these positions, where their file does not state it."
-    )
+    @click.option("--points-frame", metavar="NAME",
+                  help="Frame of these positions, where their file does not state it.")  # fmt: skip
     @functools.wraps(function)
     def with_points(points_path: Path | None, points_unit: str | None, points_frame: str | None, **rest: Any) -> Any:
         if points_path is None and (points_unit or points_frame):
@@ -584,22 +563,15 @@ def unnamed_loads(arm: Arm, payload: str, force_text: str | None) -> Unnamed:
     return Unnamed(payload, None if force_text is None else parse_force(force_text, arm))
 
 
-force_option = click.option(
-    "--force", "force_text", metavar="fx=0,fz=-500N", help=f"External load {UNNAMED}: {FORCE_HELP}."
-)
-payload_option = click.option(
-    "--payload", default="none", show_default=True, metavar="NAME", help=f"Payload of ARM {UNNAMED}."
-)
+force_option = click.option("--force", "force_text", metavar="fx=0,fz=-500N",
+                            help=f"External load {UNNAMED}: {FORCE_HELP}.")  # fmt: skip
+payload_option = click.option("--payload", default="none", show_default=True, metavar="NAME",
+                              help=f"Payload of ARM {UNNAMED}.")  # fmt: skip
 
 
-force_table = click.option(
-    "--force-table",
-    "table_path",
-    metavar="F.csv",
-    type=InputPath,
-    help="External loads along the path: a column s, the length of path [m] from the first row on, and the "
-    "force_ columns of a trajectory; linear between its rows.",
-)
+force_table = click.option("--force-table", "table_path", metavar="F.csv", type=InputPath,
+                           help="External loads along the path: a column s, the length of path [m] from the first "
+                                "row on, and the force_ columns of a trajectory; linear between its rows.")  # fmt: skip
 
 
 def read_path(path: Path, arm: Arm, unnamed: Unnamed = UNLOADED, table_path: Path | None = None) -> Trajectory:

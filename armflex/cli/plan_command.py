@@ -36,33 +36,19 @@ MOST_LINES = 10
 @click.option("--rows", type=int, default=20, show_default=True, help="Positions that will be read.")
 @click.option("--after", "after_path", type=InputPath, metavar="MEAS.csv", help="Campaign that was measured already.")
 @click.option("--along", "along_path", type=InputPath, metavar="TRAJ.csv", help="Minimise uncertainty along this path.")
-@click.option(
-    "--between",
-    metavar="E1,E2,...",
-    help="Distinguish two effects or more, each LAW:SITE[:AXIS[:PARTNER]] as trace's JSON and [[effect]] have them: "
-    "backlash:A2:ry,encoder_offset:A2",
-)
-@click.option(
-    "--instruments",
-    metavar="wire,level",
-    help="What is read: names that ARM declares, or wire, level, accelerometer, encoder, target, whose best place is "
-    "chosen, and tracker.",
-)
+@click.option("--between", metavar="E1,E2,...",
+              help="Distinguish two effects or more, each LAW:SITE[:AXIS[:PARTNER]] as trace's JSON and [[effect]] "
+                   "have them: backlash:A2:ry,encoder_offset:A2")  # fmt: skip
+@click.option("--instruments", metavar="wire,level",
+              help="What is read: names that ARM declares, or wire, level, accelerometer, encoder, target, whose "
+                   "best place is chosen, and tracker.")  # fmt: skip
 @click.option("--payload", "payloads", metavar="A,B", help="Payloads that may be carried [default: all payloads].")
 @options.settable
-@click.option(
-    "--sigma",
-    type=Quantity("length"),
-    metavar="0.2mm",
-    help="Noise of a position reading [default: that of MEAS.csv, else 0.2mm].",
-)
-@click.option(
-    "--floor",
-    type=Quantity("length"),
-    metavar="-0.8m",
-    help="Lowest height of any link or the payload in the base frame; that of the base where left out, unless the arm "
-    "hangs below it.",
-)
+@click.option("--sigma", type=Quantity("length"), metavar="0.2mm",
+              help="Noise of a position reading [default: that of MEAS.csv, else 0.2mm].")  # fmt: skip
+@click.option("--floor", type=Quantity("length"), metavar="-0.8m",
+              help="Lowest height of any link or the payload in the base frame; that of the base where left out, "
+                   "unless the arm hangs below it.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the candidate rows.")
 @options.points
 @options.lax

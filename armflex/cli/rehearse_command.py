@@ -16,9 +16,8 @@ CLEAR, DOUBTFUL = 0.9, 0.5
 @click.command(cls=options.Command)
 @click.argument("arm_path", metavar="ARM", type=options.InputPath)
 @click.option("--rows", "rows_path", type=options.InputPath, metavar="POSES.csv", help="[default: 60 rows of plan]")
-@click.option(
-    "--sigma", type=options.Quantity("length"), default="0.2mm", show_default=True, help="Noise of positions."
-)
+@click.option("--sigma", type=options.Quantity("length"), default="0.2mm", show_default=True,
+              help="Noise of positions.")  # fmt: skip
 @click.option("--size", type=options.Quantity("length"), default="1mm", show_default=True, help="Size of effects, RMS.")
 @click.option("--draws", type=click.IntRange(min=1), default=DRAWS, show_default=True, help="Campaigns of each effect.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the draws.")

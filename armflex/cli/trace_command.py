@@ -73,28 +73,16 @@ MOST_ADVICE = 3
 
 @click.command(cls=options.Command)
 @click.option("-o", "--output", required=True, type=options.OutputPath(), help="Traced arm.toml to write.")
-@click.option(
-    "--ask",
-    type=click.IntRange(1, MOST_ASKED),
-    metavar="12",
-    help="Write so many rows that decide what is in question to ask.csv beside the output, ask_2.csv the second time.",
-)
+@click.option("--ask", type=click.IntRange(1, MOST_ASKED), metavar="12",
+              help="Write so many rows that decide what is in question to ask.csv beside the output, ask_2.csv the "
+                   "second time.")  # fmt: skip
 @options.settable
-@click.option(
-    "--minutes",
-    type=click.FloatRange(0.0, min_open=True),
-    default=MOST_MINUTES,
-    metavar=f"{MOST_MINUTES:g}",
-    show_default=True,
-    help="CPU time that the search may take; then it ends with what it has, and says so.",
-)
-@click.option(
-    "--halves",
-    type=click.IntRange(1),
-    metavar="5",
-    help="Trace so many random halves of the campaign, too, and as many by parts of joint space: how often the other "
-    "half gives the same names.",
-)
+@click.option("--minutes", type=click.FloatRange(0.0, min_open=True), default=MOST_MINUTES,
+              metavar=f"{MOST_MINUTES:g}", show_default=True,
+              help="CPU time that the search may take; then it ends with what it has, and says so.")  # fmt: skip
+@click.option("--halves", type=click.IntRange(1), metavar="5",
+              help="Trace so many random halves of the campaign, too, and as many by parts of joint space: how "
+                   "often the other half gives the same names.")  # fmt: skip
 @click.option("--report", "report_path", type=options.OutputPath(), help="HTML page of what was found to write.")
 @options.campaign
 def command(
