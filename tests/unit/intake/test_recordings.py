@@ -42,6 +42,12 @@ def test_orientations_of_a_recording_are_read_where_their_noise_is_stated(tmp_pa
     assert set(found.columns["sigma_r"]) == {1e-3}
 
 
+def test_a_column_of_numbers_may_be_the_names_of_rows(tmp_path: Path) -> None:
+    last = f"/joint_states/{NAMES[-1]}/position"
+    found = intake([log(tmp_path)], None, {last: "pose"})
+    assert list(map(float, found.columns["via"])) == pytest.approx(POSES[:, -1], abs=1e-6)
+
+
 @pytest.mark.parametrize("clock", ["as it is", "40 s off"])
 def test_points_of_a_tracker_fall_into_the_dwells_of_a_log(tmp_path: Path, clock: str) -> None:
     at = np.cumsum(1.2 + PAUSES) - 0.5 * PAUSES + (0.0 if clock == "as it is" else 40.0)
