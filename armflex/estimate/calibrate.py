@@ -369,7 +369,7 @@ def fitted_to(
     timed = None if "time" in measurements.derived else measurements.time
     # Of an instrument that was moved, or is not what it is said to be, that is said already.
     # Nor is an arm worse than declared of which only the instrument was placed.
-    told = about or judgement or scattered or keep
+    excused = about or judgement or scattered or keep
     flags = (
         *derived,
         *about_time(declared.arm, measurements.known, timed),
@@ -380,7 +380,7 @@ def fitted_to(
         *far_from_declared(fitted, fitted.parameters, calibrated),
         *_against_load(fitted),
         *soft(calibrated.flexures, anywhere(arm.robot), arm.flags),
-        *(() if told else worse_than_declared(errors, fitted.view.readings.shown_in)),
+        *(() if excused else worse_than_declared(errors, fitted.view.readings.shown_in)),
         *(() if scattered is None else _standing_off(certainty.unexplained)),
     )
     return Calibration(calibrated.left(), fitted, placed.view, measurements, flags, errors, scattered)

@@ -204,7 +204,7 @@ def _numbers(source: SourceTable, name: str, header: str, unit: str, cells: Sequ
 
 
 def _of_other_rows(source: SourceTable, cells: Sequence[str], index: Sequence[str | None]) -> Iterator[str]:
-    """Yield what is wrong with variables that count otherwise than their rows."""
+    """Yield what is wrong with variables that do not count as their rows do."""
     counted = [(i, int(number)) for i, number in enumerate(index) if number]
     for i, number in counted:
         if number - i != counted[0][1] - counted[0][0]:

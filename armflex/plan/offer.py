@@ -159,11 +159,8 @@ def rows_at(arm: Arm, q: Array, payload: tuple[str, ...], given: Mapping[str, Ar
 
     An effect with a memory is taken where it settles: a lagging column at its value, play at rest.
     """
-    settled = {}
-    for effect in arm.effects:
-        if effect.remembers:
-            columns = effect.location.covariates
-            settled[effect.state] = given.get(columns[0], np.zeros(len(q))) if columns else np.zeros(len(q))
+    of_state = {effect.state: effect.location.covariates[:1] for effect in arm.effects if effect.remembers}
+    settled = {str(state): given.get("".join(column), np.zeros(len(q))) for state, column in of_state.items()}
     given = {**settled, **given}
     pose = [f"offer {i}" for i in range(len(q))]
     return Rows.of(arm.joint_names, q, payload, given, pose, session, () if "time" in given else ("time",))

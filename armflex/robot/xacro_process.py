@@ -86,13 +86,13 @@ def main() -> None:
     except Refused as error:
         code, said = REFUSED, str(error)
     except (Exception, SystemExit) as error:  # every fault of the file, of whatever kind
-        code, said = FAILED, _told(error, name)
+        code, said = FAILED, _reason(error, name)
     out.buffer.write(said.encode("utf-8", "replace"))
     out.flush()
     os._exit(code)  # at once: nothing is to be tidied up, and some of that would be refused
 
 
-def _told(error: BaseException, name: str) -> str:
+def _reason(error: BaseException, name: str) -> str:
     """Return what is wrong with a file of a name, and what to do."""
     cause = getattr(error, "exc", None) or error
     ours = isinstance(cause, PackageError | ArgumentError)
