@@ -94,7 +94,7 @@ class Distance(Kind):
         gain = reading.gain(here)[:, 0]
 
         def seen(step: Array) -> tuple[Array, Array]:
-            """Return (N, 3) ways to the points from an anchor, and (4,) that and a zero, some steps from the declared."""
+            """Return (N, 3) ways to the points from an anchor, and (4,) it and a zero, steps from the declared ones."""
             place = sensor.declared[:4].copy()
             place[free] += step
             return points - place[:3], place
