@@ -25,7 +25,7 @@ from armflex.estimate.block import Block, EffectBlock
 from armflex.estimate.fit import Fit
 from armflex.estimate.held_out import errors_of, pose_folds
 from armflex.estimate.pose_block import Walk
-from armflex.estimate.robust import EVEN
+from armflex.estimate.robust import EVEN, LEAST_SCATTER
 from armflex.estimate.variance_components import Components, MixedModel
 from armflex.laws.effects.backlash import BACKLASH
 from armflex.laws.effects.base_compliance import BASE_COMPLIANCE
@@ -264,7 +264,8 @@ class Kinds:
         projection = self._with_constants(projection)
         gram = self.columns.T @ projection.left_of(self.columns)
         score = self.columns.T @ projection.residual
-        model = MixedModel(0.5 * (gram + gram.T), score, projection.objective, projection.freedom, self.variances)
+        square = projection.objective + projection.freedom * LEAST_SCATTER**2
+        model = MixedModel(0.5 * (gram + gram.T), score, square, projection.freedom, self.variances)
         start = [near.ratios.get(one, usual) for one, usual in zip(self.components, model.usual, strict=True)]
         return Sized(self, projection, model, model.fitted(model.at(np.array(start))))
 

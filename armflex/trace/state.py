@@ -16,6 +16,7 @@ from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit
 from armflex.estimate.held_out import judged_by
 from armflex.estimate.outliers import fit_without_lost, lost_among, without_lost
 from armflex.estimate.pose_block import PoseBlock
+from armflex.estimate.robust import LEAST_SCATTER
 from armflex.estimate.view import gravity_in, look
 from armflex.laws.effects.context import Context, survey
 from armflex.laws.effects.effect import Effect
@@ -163,7 +164,7 @@ class State:
 
         What is still missing is in it: they scatter no more than that. Priors are compared with it.
         """
-        return min(self.fit.noise, 1.0)
+        return float(np.clip(self.fit.noise, LEAST_SCATTER, 1.0))
 
     @cached_property
     def bare(self) -> Projection:

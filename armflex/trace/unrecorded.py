@@ -13,7 +13,7 @@ import numpy as np
 
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.estimate.fit import Fit
-from armflex.estimate.robust import BY_CHANCE
+from armflex.estimate.robust import BY_CHANCE, LEAST_SCATTER
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.location import LINK
 from armflex.laws.effects.possible import USUAL_SHIFT, USUAL_TURN
@@ -69,7 +69,8 @@ def localise(fit: Fit, context: Context, projection: Projection, groups: np.ndar
         mean = squares[:, kind].sum() / max(read[:, kind].sum(), 1)
         levels[kind] = np.sqrt(mean / whole) if mean > 0.0 else 1.0
     residual, scale = residual / levels, scale / levels
-    total, count = float((residual**2).sum()), int(groups.max()) + 1
+    total = float((residual**2).sum()) + projection.freedom * LEAST_SCATTER**2
+    count = int(groups.max()) + 1
     found = []
     for site in context.sites:
         jacobian = view.to_twist(site) * scale[:, :, None]
