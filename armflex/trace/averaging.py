@@ -291,7 +291,8 @@ def _blocks(state: State, evidence: Dense, numbers: Sequence[int]) -> tuple[Effe
         effect = replace(candidate.effect(np.zeros(len(candidate.location.terms))), derived=derived)
         effects.append(effect.seen_in(state.context, state.rows))
     ends = zip(effects, numbers_of((*before, *effects))[len(before) :], strict=True)
+    first = len(state.fit.setup.arm.effects)  # with what wanders, which stays behind
     return tuple(
-        EffectBlock(effect, (), state.context, len(before) + i, np.full(len(effect.location.terms), np.inf), number)
+        EffectBlock(effect, (), state.context, first + i, np.full(len(effect.location.terms), np.inf), number)
         for i, (effect, number) in enumerate(ends)
     )
