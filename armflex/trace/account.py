@@ -33,7 +33,7 @@ from armflex.trace.findings import (
     unexplained,
 )
 from armflex.trace.hypotheses import Hypothesis
-from armflex.trace.probabilities import CREDIBLE, Bagged, Credible, bagged, competing
+from armflex.trace.probabilities import CREDIBLE, Bagged, Credible, bagged, competing, with_families
 from armflex.trace.resampling import RESAMPLES, Resampled, parted_by, resampled
 from armflex.trace.screen import ALMOST, UNIT_MOTION, Dense
 from armflex.trace.search import Standing, exchanged, is_full, linear, refitted, spots, standing
@@ -73,8 +73,9 @@ def weighed(here: Standing) -> Weighed:
         evidence = competing(here.screen, here.model)
         model, folds = evidence.here(here.model), Folds(evidence, pose_folds(state.groups))
         resamples = resampled(evidence, model, parted_by(state), folds)
+        families = with_families(evidence, model, state, here.screen.unit)
         for times in (resamples.times[: RESAMPLES // 5], resamples.times):  # few are enough for what is sure
-            posterior = bagged(evidence, model, times)
+            posterior = bagged(evidence, model, times, families=families)
             credible = posterior.credible
             after = _with_likelier(here, evidence, model, posterior)
             if after is not None or any(verdict.nothing > CREDIBLE for verdict in credible[:-1]):

@@ -49,7 +49,7 @@ from armflex.rows.rows import APPROACH, TIME, Rows
 from armflex.trace.bank import Bank
 from armflex.trace.hypotheses import EFFECTS, FAMILIAL
 from armflex.trace.projection import LEAST_INFORMED, Projection
-from armflex.trace.selection import MOST_TRIED, SCALES, WITHIN
+from armflex.trace.selection import MOST_TRIED, RESAMPLED, SCALES, WITHIN
 
 
 @dataclass(frozen=True, eq=False)
@@ -364,7 +364,7 @@ class Sized:
             least = min(there, key=lost.__getitem__)
             fewer = sizes.without(*kinds.of(least))
             if lost[least] > price:  # as long as the others may not take its place: no step gains more than the first
-                beside = {name: sizes.without(*kinds.of(name)) for name in there if lost[name] < 4.0 * WITHIN}
+                beside = {name: sizes.without(*kinds.of(name)) for name in there if lost[name] < RESAMPLED * WITHIN}
                 likely = [name for name, rest in beside.items() if lost[name] < price + MOST_TRIED * rest.promised]
                 every = [self.without(name, sizes) for name in likely]
                 fewer = max(every, key=lambda one: one.log_likelihood, default=None)
@@ -390,6 +390,27 @@ class Sized:
             price,
             {one: ratio for one, ratio in zip(kinds.components, sizes.ratios.tolist(), strict=True) if ratio > 0.0},
         )
+
+    def doubted(self, background: Background) -> tuple[str, ...]:
+        """Return the families of a background that a resample may do without."""
+        sizes = self._as(background)
+        return tuple(
+            name for name in background.names if sizes.lost_without(*self.kinds.of(name)) < RESAMPLED * WITHIN
+        )
+
+    def together(self, name: str, background: Background) -> Array:
+        """Return the (n, K) whitened columns of a family for amplitudes of one size.
+
+        Its lengths are to one another as in a background, as they usually are where that has none of them.
+        """
+        own = self.kinds.of(name)
+        ratios = self._as(background).ratios[own]
+        std = np.sqrt((ratios if ratios.any() else self.model.usual[own]) @ self.model.variances[own])
+        return self.kinds.columns[:, std > 0.0] * std[std > 0.0]
+
+    def _as(self, background: Background) -> Components:
+        """Return the sizes that a background has."""
+        return self.model.at(np.array([background.ratios.get(one, 0.0) for one in self.kinds.components]))
 
     def rms(self, whitened: Array) -> float:
         """Return the RMS of what (n,) whitened errors are of what is read foremost, in its unit."""

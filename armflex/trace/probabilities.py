@@ -19,10 +19,21 @@ from armflex.laws.effects.candidate import places_of
 from armflex.laws.effects.effect import Search
 from armflex.parameters import DOUBT
 from armflex.plan.next_measurement import POSSIBLE
-from armflex.trace.hypotheses import Hypothesis, oddness
+from armflex.trace.hypotheses import Hypothesis, of_family, oddness
+from armflex.trace.projection import LEAST_INFORMED
 from armflex.trace.refine import refine
 from armflex.trace.screen import ALMOST, Dense, Screen
-from armflex.trace.selection import MOST_COMPETING, WITHIN, Chosen, Model, climbed, rivals, without
+from armflex.trace.selection import (
+    MOST_COMPETING,
+    RESAMPLED,
+    WITHIN,
+    Chosen,
+    Model,
+    climbed,
+    rivals,
+    without,
+)
+from armflex.trace.state import State
 
 SWEEPS = 2
 """Tolerance: sweeps of the sampler in every resample."""
@@ -79,7 +90,7 @@ def competing(screen: Screen, model: Model) -> Dense:
     screen.extend(_elsewhere(screen, model))
     beside, best, charges = screen.beside(model), dict[int, float](), dict[int, float]()
     for rest in (*map(beside.without, range(len(model))), beside):
-        for rival in rivals(rest, refine, most=MOST_COMPETING, within=4.0 * WITHIN):  # a resample may bring it forward
+        for rival in rivals(rest, refine, most=MOST_COMPETING, within=RESAMPLED * WITHIN):
             number = rival.chosen.number
             if number in aliased:
                 continue
@@ -92,6 +103,45 @@ def competing(screen: Screen, model: Model) -> Dense:
         charges[chosen.number] = screen.charge(chosen.number, amplitudes)
     priors = np.array([screen.prior(number) - charge for number, charge in charges.items()])
     return screen.dense(tuple(charges), priors)
+
+
+def with_families(evidence: Dense, model: Model, state: State, unit: float) -> tuple[Dense, Model]:
+    """Return what competes with the families that a resample may have or do without as further hypotheses.
+
+    A name that explains no more than a family does not survive where it is: it must beat that in every resample, as a
+    name beside families that stay as they are need not.
+
+    Args:
+        evidence: What competes beside the families of a state.
+        model: Of it.
+        state: The state.
+        unit: Square of a whitened column that moves the target by 1 mm, RMS.
+
+    Returns:
+        What competes, families last, and the model with those of them that the state has.
+    """
+    sized, background, count = state.sized, state.background, len(evidence.groups)
+    doubted = sized.doubted(background)
+    projection = state.bare_without(*doubted).condensed
+    families, columns = list[Hypothesis](), list[Array]()
+    for name in sized.kinds.names:
+        if name in background.names and name not in doubted:
+            continue
+        together = sized.together(name, background) / state.quiet
+        together *= np.sqrt(unit / max(float((together**2).sum()), 1e-300))
+        information, axes = np.linalg.eigh(projection.inside(together))
+        if (seen := information > LEAST_INFORMED).any():
+            families.append(of_family(name, len(sized.kinds.names)))
+            columns.append(together @ axes[:, seen])
+    whole = evidence.extended(families, columns, projection)
+    every = [model, *(without(model, i) for i in range(len(model)))]
+    odds = np.max([whole.beside(some).odds[count:] for some in every], axis=(0, 2))
+    kept = [i for i, family in enumerate(families) if odds[i] > 0.0 or family.one.law.name in doubted]
+    whole = evidence.extended([families[i] for i in kept], [columns[i] for i in kept], projection)
+    for number, i in enumerate(kept, count):
+        if families[i].one.law.name in doubted:
+            model = (*model, Chosen(number, int(whole.beside(model).odds_at(number).argmax())))
+    return whole, model
 
 
 def _elsewhere(screen: Screen, model: Model) -> list[Hypothesis]:
@@ -149,7 +199,9 @@ class Bagged:
     drawn: tuple[Drawn, ...]
 
 
-def bagged(evidence: Dense, own: Model, times: Iterable[Array], seed: int = 0) -> Bagged:
+def bagged(
+    evidence: Dense, own: Model, times: Iterable[Array], seed: int = 0, families: tuple[Dense, Model] | None = None
+) -> Bagged:
     """Return the posterior of every place of a model, averaged over resamples of a campaign.
 
     Args:
@@ -157,26 +209,42 @@ def bagged(evidence: Dense, own: Model, times: Iterable[Array], seed: int = 0) -
         own: The model.
         times: (R, n) how often every reading counts in each resample of the campaign.
         seed: Of what is drawn.
+        families: What competes `with_families`; what they have is nothing in the place of an effect. When not given
+            they are as the evidence has them.
     """
     rng, names, visited = np.random.default_rng(seed), named(evidence, own), set[Model]()
-    mine = [int(names[chosen.number]) for chosen in own]
-    other = ~np.isin(np.arange(len(names)), mine)
-    chances, nothing = np.zeros((len(own) + 1, len(names))), np.zeros(len(own) + 1)
-    part, best, sweeps = None, own, list[Drawn]()
+    mine, count = [int(names[chosen.number]) for chosen in own], len(names)
+    other = ~np.isin(np.arange(count), mine)
+    chances, nothing = np.zeros((len(own) + 1, count)), np.zeros(len(own) + 1)
+    whole, begun = families or (evidence, own)
+    part, plain, best, sweeps = None, evidence, own, list[Drawn]()
     for each in times:
-        before, part = part, evidence.resampled(each)
+        before, part = part, whole.resampled(each)
         if part is not before:  # from what was found, and from nothing: where both lead the likelier is taken
-            best = max((climbed(part, begun) for begun in (own, ())), key=part.log_posterior)
-        slots = _placed(best, own, names)
-        for i in [*range(len(own) + 1)] * SWEEPS:
+            best, plain = max((climbed(part, some) for some in (begun, ())), key=part.log_posterior), part
+            plain = evidence.resampled(each) if families else part
+        slots = _placed(tuple(chosen for chosen in best if chosen.number < count), own, names)
+        common = {chosen.number: chosen for chosen in best if chosen.number >= count}
+        for i in [*range(len(own) + 1), *range(count, len(whole.groups))] * SWEEPS:
             if i == len(own):
-                sweeps.append(_drawn(part, slots, own))
+                sweeps.append(_drawn(plain, slots, own))
             if i == len(own) and None in slots:
                 continue  # what is drawn beside a model that lacks one is that one
-            beside = part.beside(tuple(other for j, other in enumerate(slots) if j != i and other is not None))
-            whole = float(np.logaddexp(0.0, logsumexp(beside.odds)))
-            weights, none = np.exp(beside.odds - whole), float(np.exp(-whole))
-            chance = np.bincount(names, weights.sum(axis=1), len(names))
+            model = tuple(chosen for j, chosen in enumerate(slots) if j != i and chosen is not None)
+            beside = part.beside((*model, *(chosen for number, chosen in common.items() if number != i)))
+            if i >= count:
+                odds = beside.odds_at(i)
+                weights = np.exp(np.append(odds, 0.0) - logsumexp(np.append(odds, 0.0)))
+                scale = int(rng.choice(len(weights), p=weights / weights.sum()))
+                common.pop(i, None)
+                common |= {i: Chosen(i, scale)} if scale < len(odds) else {}
+                continue
+            odds = beside.odds.copy()
+            odds[list(common)] = -np.inf
+            scale = float(np.logaddexp(0.0, logsumexp(odds)))
+            weights = np.exp(odds - scale)
+            none = float(np.exp(-scale) + weights[count:].sum())
+            chance = np.bincount(names, weights[:count].sum(axis=1), count)
             if i == len(own):
                 chances[i] += chance
                 nothing[i] += none
@@ -186,11 +254,13 @@ def bagged(evidence: Dense, own: Model, times: Iterable[Array], seed: int = 0) -
             if held >= mine.count(mine[i]):
                 chances[i, mine[i]] += 1.0
             else:
-                chances[i] += np.where(other | (np.arange(len(names)) == mine[i]), chance, 0.0)
+                chances[i] += np.where(other | (np.arange(count) == mine[i]), chance, 0.0)
                 nothing[i] += none
-            every = np.append(weights.ravel(), none)
-            drawn = rng.choice(len(every), p=every / every.sum())
-            slots[i] = None if drawn == weights.size else Chosen(*map(int, np.unravel_index(drawn, weights.shape)))
+            each_one = np.append(weights.ravel(), np.exp(-scale))
+            drawn = int(rng.choice(len(each_one), p=each_one / each_one.sum()))
+            chosen = None if drawn == weights.size else Chosen(*map(int, np.unravel_index(drawn, weights.shape)))
+            slots[i] = chosen if chosen is None or chosen.number < count else None
+            common |= {chosen.number: chosen} if chosen is not None and chosen.number >= count else {}
             visited.add(tuple(chosen for chosen in slots if chosen is not None))
     counted = np.maximum(chances.sum(axis=1) + nothing, 1e-300)
     nothing /= counted

@@ -6,12 +6,16 @@ a campaign by more than readings scatter, and every further row makes the least 
 the posterior over bootstrap resamples, the bagged posterior, is certain of what resamples agree on (Huggins and Miller
 2023, "Reproducible model selection using bagged posteriors", Bayesian Analysis 18).
 
-How far resamples are to differ follows from what the parts show. Let residuals of two models differ by d. A reading
-with the error e, predicted from other folds with everything chosen and fitted without its own, changes the log evidence
-of one model over the other by d e + d^2 / 2. Sums of that over each of P parts have the scatter v, and where the model
-is true and readings scatter independently they have s. A posterior is as wide as s already, so resamples add v - s: a
-resample has M = P / (1 - s / v) parts, drawn with replacement, which count P / M each. Where v is within what chance
-gives about s, resamples are the campaign itself and the bagged posterior is the posterior.
+A resample has as many parts as there are, drawn with replacement. Fewer draws would state less than what is repeatable,
+more draws more: of names that halves of measured campaigns are sure of, those that the other half has, too, are as many
+as is stated only so. Where readings scatter independently about a true model it understates: there the posterior itself
+is right.
+
+Which parts are drawn follows from what they show. Let residuals of two models differ by d. A reading with the error e,
+predicted from other folds with everything chosen and fitted without its own, changes the log evidence of one model over
+the other by d e + d^2 / 2. Sums of that over each of P parts have the scatter v, and where the model is true and
+readings scatter independently they have s. Those parts are drawn of which v / s is largest, poses where none is larger
+than by chance.
 """
 
 from __future__ import annotations
@@ -26,7 +30,7 @@ from armflex.conventions import Array
 from armflex.estimate.held_out import PARTS, POSE_FOLDS, apart_folds
 from armflex.parameters import DOUBT
 from armflex.trace.screen import Dense
-from armflex.trace.selection import MOST_TRIED, WITHIN, Model, rivals, without
+from armflex.trace.selection import MOST_TRIED, RESAMPLED, WITHIN, Model, rivals, without
 from armflex.trace.state import State
 from armflex.trace.validate import Folds
 
@@ -72,13 +76,9 @@ def resampled(evidence: Dense, own: Model, parted: Mapping[str, np.ndarray], pos
         ratio = float(np.median(_mismatches(folds, apart, np.repeat(parts, count), noise))) / chance
         if ratio > most:
             by, most, drawn = name, ratio, parts
-    times = np.ones((RESAMPLES, len(drawn)))
-    if most > 1.0:
-        number = int(drawn.max()) + 1
-        size = round(number / (1.0 - 1.0 / most))
-        draws = np.random.default_rng(seed).multinomial(size, np.full(number, 1.0 / number), size=RESAMPLES)
-        times = (draws * number / size)[:, drawn]
-    return Resampled(by, most, np.repeat(times, count, axis=1))
+    number = int(drawn.max()) + 1
+    draws = np.random.default_rng(seed).multinomial(number, np.full(number, 1.0 / number), size=RESAMPLES)
+    return Resampled(by, most, np.repeat(draws[:, drawn].astype(float), count, axis=1))
 
 
 def parted_by(state: State) -> dict[str, np.ndarray]:
@@ -95,10 +95,10 @@ def _others(evidence: Dense, own: Model) -> Iterator[Model]:
     """Yield models that one has to be preferred to: without an effect, with another in its place, with one more."""
     for i in range(len(own)):
         yield without(own, i)
-        for rival in rivals(evidence.beside(own).without(i), most=MOST_TRIED, within=4.0 * WITHIN):
+        for rival in rivals(evidence.beside(own).without(i), most=MOST_TRIED, within=RESAMPLED * WITHIN):
             if rival.chosen.number != own[i].number:
                 yield (*own[:i], rival.chosen, *own[i + 1 :])
-    for rival in rivals(evidence.beside(own), most=MOST_TRIED, within=4.0 * WITHIN):
+    for rival in rivals(evidence.beside(own), most=MOST_TRIED, within=RESAMPLED * WITHIN):
         yield (*own, rival.chosen)
 
 
