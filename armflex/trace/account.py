@@ -78,7 +78,7 @@ def weighed(here: Standing) -> Weighed:
             posterior = bagged(evidence, model, times, families=families)
             credible = posterior.credible
             after = _with_likelier(here, evidence, model, posterior)
-            if after is not None or any(verdict.nothing > CREDIBLE for verdict in credible[:-1]):
+            if after is not None or posterior.sure or any(verdict.nothing > CREDIBLE for verdict in credible[:-1]):
                 break
         if after is not None:
             here = after

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import logit, logsumexp
 
 from armflex.conventions import Array
 from armflex.laws.effects.candidate import places_of
@@ -20,7 +20,6 @@ from armflex.laws.effects.effect import Search
 from armflex.parameters import DOUBT
 from armflex.plan.next_measurement import POSSIBLE
 from armflex.trace.hypotheses import Hypothesis, of_family, oddness
-from armflex.trace.projection import LEAST_INFORMED
 from armflex.trace.refine import refine
 from armflex.trace.screen import ALMOST, Dense, Screen
 from armflex.trace.selection import (
@@ -37,6 +36,10 @@ from armflex.trace.state import State
 
 SWEEPS = 2
 """Tolerance: sweeps of the sampler in every resample."""
+
+LEAST_SHOWN = 0.1
+"""Tolerance: information of the readings on an amplitude of a family that moves the target by 1 mm, by that of its
+prior, below which it is left out: less than half of that is lost, in nats."""
 
 CREDIBLE = 1.0 - DOUBT
 """Confidence: probability of a credible set, beside which nothing is in question."""
@@ -120,28 +123,28 @@ def with_families(evidence: Dense, model: Model, state: State, unit: float) -> t
     Returns:
         What competes, families last, and the model with those of them that the state has.
     """
+    if not model:
+        return evidence, model
     sized, background, count = state.sized, state.background, len(evidence.groups)
     doubted = sized.doubted(background)
     projection = state.bare_without(*doubted).condensed
     families, columns = list[Hypothesis](), list[Array]()
-    for name in sized.kinds.names:
-        if name in background.names and name not in doubted:
-            continue
+    for name in (*doubted, *(name for name in sized.kinds.names if name not in background.names)):
         together = sized.together(name, background) / state.quiet
         together *= np.sqrt(unit / max(float((together**2).sum()), 1e-300))
         information, axes = np.linalg.eigh(projection.inside(together))
-        if (seen := information > LEAST_INFORMED).any():
-            families.append(of_family(name, len(sized.kinds.names)))
-            columns.append(together @ axes[:, seen])
-    whole = evidence.extended(families, columns, projection)
-    every = [model, *(without(model, i) for i in range(len(model)))]
-    odds = np.max([whole.beside(some).odds[count:] for some in every], axis=(0, 2))
-    kept = [i for i, family in enumerate(families) if odds[i] > 0.0 or family.one.law.name in doubted]
-    whole = evidence.extended([families[i] for i in kept], [columns[i] for i in kept], projection)
-    for number, i in enumerate(kept, count):
-        if families[i].one.law.name in doubted:
-            model = (*model, Chosen(number, int(whole.beside(model).odds_at(number).argmax())))
-    return whole, model
+        families.append(of_family(name, len(sized.kinds.names)))
+        columns.append(together @ axes[:, information > LEAST_SHOWN])
+    whole, with_common = evidence.extended(families, columns, projection), model
+    for number in range(count, count + len(doubted)):
+        scale = int(whole.beside(with_common).odds_at(number).argmax())
+        with_common = (*with_common, Chosen(number, scale))
+    competes = np.arange(len(families)) < len(doubted)
+    for place, chosen in enumerate(model):
+        odds = whole.beside(without(with_common, place)).odds.max(axis=1)
+        competes |= odds[count:] > max(odds[chosen.number] - RESAMPLED * WITHIN, 0.0)
+    kept = np.flatnonzero(competes).tolist()  # those that the state has come first and keep their numbers
+    return evidence.extended([families[i] for i in kept], [columns[i] for i in kept], projection), with_common
 
 
 def _elsewhere(screen: Screen, model: Model) -> list[Hypothesis]:
@@ -192,11 +195,14 @@ class Bagged:
         credible: What every hypothesis of the model may be, last what may be missing beside them.
         visited: Models that the sampler visited.
         drawn: Models as sweeps of the sampler left them.
+        sure: Whether every hypothesis of the model is so much likelier than all else in these resamples, by four
+            standard deviations of its log odds, that more of them would say the same.
     """
 
     credible: tuple[Credible, ...]
     visited: set[Model]
     drawn: tuple[Drawn, ...]
+    sure: bool
 
 
 def bagged(
@@ -217,7 +223,7 @@ def bagged(
     other = ~np.isin(np.arange(count), mine)
     chances, nothing = np.zeros((len(own) + 1, count)), np.zeros(len(own) + 1)
     whole, begun = families or (evidence, own)
-    part, plain, best, sweeps = None, evidence, own, list[Drawn]()
+    part, plain, best, sweeps, margins = None, evidence, own, list[Drawn](), [list[float]() for _ in own]
     for each in times:
         before, part = part, whole.resampled(each)
         if part is not before:  # from what was found, and from nothing: where both lead the likelier is taken
@@ -256,6 +262,7 @@ def bagged(
             else:
                 chances[i] += np.where(other | (np.arange(count) == mine[i]), chance, 0.0)
                 nothing[i] += none
+                margins[i].append(float(logit(np.clip(chance[mine[i]], 1e-12, 1.0 - 1e-12))))
             each_one = np.append(weights.ravel(), np.exp(-scale))
             drawn = int(rng.choice(len(each_one), p=each_one / each_one.sum()))
             chosen = None if drawn == weights.size else Chosen(*map(int, np.unravel_index(drawn, weights.shape)))
@@ -276,7 +283,8 @@ def bagged(
         probability = float(chance[mine[i]]) if i < len(own) else 0.0
         suspects.sort(key=lambda pair: -pair[1])
         credible.append(Credible(probability, float(nothing[i]), tuple(suspects), tuple(best_of.values())))
-    return Bagged(tuple(credible), visited, tuple(sweeps))
+    sure = all(len(odds) > 1 and np.mean(odds) > 4.0 * np.std(odds) for odds in margins)
+    return Bagged(tuple(credible), visited, tuple(sweeps), sure)
 
 
 def _drawn(part: Dense, slots: Sequence[Chosen | None], own: Model) -> Drawn:
