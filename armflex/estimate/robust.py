@@ -20,9 +20,6 @@ rows held out to be worse, of a machine to have changed, of a sister to be a str
 EVEN = 0.05
 """Tolerance: change of the logarithm of a standard deviation below which it is found."""
 
-LEAST_SCATTER = 0.01
-"""Prior: standard deviation of readings over that stated below which it is chance: nobody states a hundred times it."""
-
 TAILS = 4.0
 """Prior: degrees of freedom of the distribution of what is mostly near and sometimes far (Lange, Little and Taylor
 1989): readings, and how large what a joint has not got may be."""

@@ -26,7 +26,7 @@ from armflex.estimate.block import Block, EffectBlock
 from armflex.estimate.fit import Fit
 from armflex.estimate.held_out import errors_of, pose_folds
 from armflex.estimate.pose_block import Walk
-from armflex.estimate.robust import EVEN, LEAST_SCATTER
+from armflex.estimate.robust import EVEN, ROWS_AT_ONCE
 from armflex.estimate.variance_components import Components, MixedModel
 from armflex.laws.effects.backlash import BACKLASH
 from armflex.laws.effects.base_compliance import BASE_COMPLIANCE
@@ -49,11 +49,8 @@ from armflex.robot.urdf import Joint
 from armflex.rows.rows import APPROACH, TIME, Rows
 from armflex.trace.bank import Bank
 from armflex.trace.hypotheses import EFFECTS, FAMILIAL
-from armflex.trace.projection import LEAST_INFORMED, Projection
-from armflex.trace.selection import MOST_TRIED, RESAMPLED, SCALES, WITHIN
-
-FIELD_ROWS, FIELD_TERMS = 400, 24
-"""Tolerance: rows by which a field over places is sought, and terms of each of its lengths."""
+from armflex.trace.projection import LEAST_INFORMED, LEAST_SCATTER, Projection
+from armflex.trace.selection import MOST_TRIED, SCALES, WITHIN
 
 
 @dataclass(frozen=True, eq=False)
@@ -368,7 +365,7 @@ class Sized:
             least = min(there, key=lost.__getitem__)
             fewer = sizes.without(*kinds.of(least))
             if lost[least] > price:  # as long as the others may not take its place: no step gains more than the first
-                beside = {name: sizes.without(*kinds.of(name)) for name in there if lost[name] < RESAMPLED * WITHIN}
+                beside = {name: sizes.without(*kinds.of(name)) for name in there if lost[name] < 4.0 * WITHIN}
                 likely = [name for name, rest in beside.items() if lost[name] < price + MOST_TRIED * rest.promised]
                 every = [self.without(name, sizes) for name in likely]
                 fewer = max(every, key=lambda one: one.log_likelihood, default=None)
@@ -398,23 +395,21 @@ class Sized:
     def doubted(self, background: Background) -> tuple[str, ...]:
         """Return the families of a background that a resample may do without."""
         sizes = self._as(background)
-        return tuple(
-            name for name in background.names if sizes.lost_without(*self.kinds.of(name)) < RESAMPLED * WITHIN
-        )
+        return tuple(name for name in background.names if sizes.lost_without(*self.kinds.of(name)) < 4.0 * WITHIN)
 
     def together(self, name: str, background: Background) -> Array:
         """Return the (n, K) whitened columns of a family for amplitudes of one size.
 
         Its lengths are to one another as in a background, as they usually are where that has none of them.
         """
-        own = self.kinds.of(name)
-        ratios = self._as(background).ratios[own]
-        std = np.sqrt((ratios if ratios.any() else self.model.usual[own]) @ self.model.variances[own])
+        lengths = self.kinds.of(name)
+        ratios = self._as(background).ratios[lengths]
+        std = np.sqrt((ratios if ratios.any() else self.model.usual[lengths]) @ self.model.variances[lengths])
         return self.kinds.columns[:, std > 0.0] * std[std > 0.0]
 
     def _as(self, background: Background) -> Components:
         """Return the sizes that a background has."""
-        return self.model.at(np.array([background.ratios.get(one, 0.0) for one in self.kinds.components]))
+        return self.model.at(np.array([background.ratios.get(part, 0.0) for part in self.kinds.components]))
 
     def rms(self, whitened: Array) -> float:
         """Return the RMS of what (n,) whitened errors are of what is read foremost, in its unit."""
@@ -598,18 +593,17 @@ def _looking(tips: Array, rows: np.ndarray) -> Iterator[Member]:
     They are Gaussian processes over (N, 3) places of the tip, two lengths of them, by the foremost terms that their
     kernels have at some (M,) rows that were read.
     """
-    some = tips[rows[np.linspace(0, len(rows) - 1, min(len(rows), FIELD_ROWS)).astype(int)]]
-    spread = np.sqrt(((some - some.mean(axis=0)) ** 2).sum(axis=1).mean())
+    seen = tips[rows[np.linspace(0, len(rows) - 1, min(len(rows), ROWS_AT_ONCE // 4)).astype(int)]]
+    spread = np.sqrt(((seen - seen.mean(axis=0)) ** 2).sum(axis=1).mean())
     if spread == 0.0:
         return
     fields, variances = list[Array](), list[Array]()
     for length in (0.35 * spread, spread):
-        values, terms = eigh(np.exp(-0.5 * cdist(some, some, "sqeuclidean") / length**2))
-        values, terms = values[-FIELD_TERMS:], terms[:, -FIELD_TERMS:]
-        seen = values > RESOLUTION * values[-1]
-        kernel = np.exp(-0.5 * cdist(tips, some, "sqeuclidean") / length**2)
-        fields.append(kernel @ (terms[:, seen] * np.sqrt(len(some)) / values[seen]))
-        variances.append(values[seen] / len(some))
+        values, terms = eigh(np.exp(-0.5 * cdist(seen, seen, "sqeuclidean") / length**2))
+        large = np.flatnonzero(values > RESOLUTION * values[-1])[-WALK_TERMS:]
+        kernel = np.exp(-0.5 * cdist(tips, seen, "sqeuclidean") / length**2)
+        fields.append(kernel @ (terms[:, large] * np.sqrt(len(seen)) / values[large]))
+        variances.append(values[large] / len(seen))
     waves, sizes = np.hstack(fields), block_diag(*variances)
     waves -= waves[rows].mean(axis=0)
     for axis in TWIST_NAMES[:3]:

@@ -19,12 +19,13 @@ from armflex.laws.effects.candidate import places_of
 from armflex.laws.effects.effect import Search
 from armflex.parameters import DOUBT
 from armflex.plan.next_measurement import POSSIBLE
-from armflex.trace.hypotheses import Hypothesis, of_family, oddness
+from armflex.trace.hypotheses import Hypothesis, oddness, of_family
+from armflex.trace.projection import LEAST_INFORMED
 from armflex.trace.refine import refine
 from armflex.trace.screen import ALMOST, Dense, Screen
 from armflex.trace.selection import (
     MOST_COMPETING,
-    RESAMPLED,
+    SCALES,
     WITHIN,
     Chosen,
     Model,
@@ -36,10 +37,6 @@ from armflex.trace.state import State
 
 SWEEPS = 2
 """Tolerance: sweeps of the sampler in every resample."""
-
-LEAST_SHOWN = 0.1
-"""Tolerance: information of the readings on an amplitude of a family that moves the target by 1 mm, by that of its
-prior, below which it is left out: less than half of that is lost, in nats."""
 
 CREDIBLE = 1.0 - DOUBT
 """Confidence: probability of a credible set, beside which nothing is in question."""
@@ -93,7 +90,7 @@ def competing(screen: Screen, model: Model) -> Dense:
     screen.extend(_elsewhere(screen, model))
     beside, best, charges = screen.beside(model), dict[int, float](), dict[int, float]()
     for rest in (*map(beside.without, range(len(model))), beside):
-        for rival in rivals(rest, refine, most=MOST_COMPETING, within=RESAMPLED * WITHIN):
+        for rival in rivals(rest, refine, most=MOST_COMPETING, within=4.0 * WITHIN):  # a resample may bring it forward
             number = rival.chosen.number
             if number in aliased:
                 continue
@@ -134,7 +131,7 @@ def with_families(evidence: Dense, model: Model, state: State, unit: float) -> t
         together *= np.sqrt(unit / max(float((together**2).sum()), 1e-300))
         information, axes = np.linalg.eigh(projection.inside(together))
         families.append(of_family(name, len(sized.kinds.names)))
-        columns.append(together @ axes[:, information > LEAST_SHOWN])
+        columns.append(together @ axes[:, information * SCALES[0] ** 2 > LEAST_INFORMED])
     whole, with_common = evidence.extended(families, columns, projection), model
     for number in range(count, count + len(doubted)):
         scale = int(whole.beside(with_common).odds_at(number).argmax())
@@ -142,7 +139,7 @@ def with_families(evidence: Dense, model: Model, state: State, unit: float) -> t
     competes = np.arange(len(families)) < len(doubted)
     for place, chosen in enumerate(model):
         odds = whole.beside(without(with_common, place)).odds.max(axis=1)
-        competes |= odds[count:] > max(odds[chosen.number] - RESAMPLED * WITHIN, 0.0)
+        competes |= odds[count:] > max(odds[chosen.number] - 4.0 * WITHIN, 0.0)
     kept = np.flatnonzero(competes).tolist()  # those that the state has come first and keep their numbers
     return evidence.extended([families[i] for i in kept], [columns[i] for i in kept], projection), with_common
 
@@ -223,52 +220,44 @@ def bagged(
     other = ~np.isin(np.arange(count), mine)
     chances, nothing = np.zeros((len(own) + 1, count)), np.zeros(len(own) + 1)
     whole, begun = families or (evidence, own)
-    part, plain, best, sweeps, margins = None, evidence, own, list[Drawn](), [list[float]() for _ in own]
+    part, plain, best = None, evidence, own
+    sweeps, margins = list[Drawn](), [list[float]() for _ in own]
     for each in times:
         before, part = part, whole.resampled(each)
         if part is not before:  # from what was found, and from nothing: where both lead the likelier is taken
-            best, plain = max((climbed(part, some) for some in (begun, ())), key=part.log_posterior), part
+            best = max((climbed(part, start) for start in (begun, ())), key=part.log_posterior)
             plain = evidence.resampled(each) if families else part
         slots = _placed(tuple(chosen for chosen in best if chosen.number < count), own, names)
         common = {chosen.number: chosen for chosen in best if chosen.number >= count}
-        for i in [*range(len(own) + 1), *range(count, len(whole.groups))] * SWEEPS:
+        for i in [*range(len(own) + 1)] * SWEEPS:
             if i == len(own):
                 sweeps.append(_drawn(plain, slots, own))
-            if i == len(own) and None in slots:
-                continue  # what is drawn beside a model that lacks one is that one
-            model = tuple(chosen for j, chosen in enumerate(slots) if j != i and chosen is not None)
-            beside = part.beside((*model, *(chosen for number, chosen in common.items() if number != i)))
-            if i >= count:
-                odds = beside.odds_at(i)
-                weights = np.exp(np.append(odds, 0.0) - logsumexp(np.append(odds, 0.0)))
-                scale = int(rng.choice(len(weights), p=weights / weights.sum()))
-                common.pop(i, None)
-                common |= {i: Chosen(i, scale)} if scale < len(odds) else {}
-                continue
+                common = _drawn_families(part, slots, common, count, rng)
+                if None in slots:
+                    continue  # what is drawn beside a model that lacks one is that one
+            beside = part.beside((*_present(slots[:i] + slots[i + 1 :]), *common.values()))
             odds = beside.odds.copy()
             odds[list(common)] = -np.inf
             scale = float(np.logaddexp(0.0, logsumexp(odds)))
-            weights = np.exp(odds - scale)
-            none = float(np.exp(-scale) + weights[count:].sum())
+            weights, none = np.exp(odds - scale), float(np.exp(-scale))
             chance = np.bincount(names, weights[:count].sum(axis=1), count)
+            unnamed = none + float(weights[count:].sum())
             if i == len(own):
                 chances[i] += chance
-                nothing[i] += none
+                nothing[i] += unnamed
                 continue
             # Effects may have changed places: one that is in another's is there, and its own place says nothing of it.
-            held = sum(names[other.number] == mine[i] for j, other in enumerate(slots) if j != i and other is not None)
+            held = sum(names[other.number] == mine[i] for other in _present(slots[:i] + slots[i + 1 :]))
             if held >= mine.count(mine[i]):
                 chances[i, mine[i]] += 1.0
             else:
                 chances[i] += np.where(other | (np.arange(count) == mine[i]), chance, 0.0)
-                nothing[i] += none
+                nothing[i] += unnamed
                 margins[i].append(float(logit(np.clip(chance[mine[i]], 1e-12, 1.0 - 1e-12))))
-            each_one = np.append(weights.ravel(), np.exp(-scale))
-            drawn = int(rng.choice(len(each_one), p=each_one / each_one.sum()))
-            chosen = None if drawn == weights.size else Chosen(*map(int, np.unravel_index(drawn, weights.shape)))
-            slots[i] = chosen if chosen is None or chosen.number < count else None
-            common |= {chosen.number: chosen} if chosen is not None and chosen.number >= count else {}
-            visited.add(tuple(chosen for chosen in slots if chosen is not None))
+            slots[i] = _chosen(np.append(weights.ravel(), none), rng)
+            if (drawn := slots[i]) is not None and drawn.number >= count:
+                common, slots[i] = common | {drawn.number: drawn}, None
+            visited.add(tuple(_present(slots)))
     counted = np.maximum(chances.sum(axis=1) + nothing, 1e-300)
     nothing /= counted
     credible = []
@@ -285,6 +274,28 @@ def bagged(
         credible.append(Credible(probability, float(nothing[i]), tuple(suspects), tuple(best_of.values())))
     sure = all(len(odds) > 1 and np.mean(odds) > 4.0 * np.std(odds) for odds in margins)
     return Bagged(tuple(credible), visited, tuple(sweeps), sure)
+
+
+def _present(slots: Sequence[Chosen | None]) -> list[Chosen]:
+    return [chosen for chosen in slots if chosen is not None]
+
+
+def _chosen(weights: Array, rng: np.random.Generator) -> Chosen | None:
+    """Return a hypothesis at a scale, or none, as likely as (H T + 1,) weights say."""
+    drawn = int(rng.choice(len(weights), p=weights / weights.sum()))
+    return None if drawn == len(weights) - 1 else Chosen(*divmod(drawn, len(SCALES)))
+
+
+def _drawn_families(
+    part: Dense, slots: Sequence[Chosen | None], common: dict[int, Chosen], count: int, rng: np.random.Generator
+) -> dict[int, Chosen]:
+    """Return which families there are beside a model, each drawn anew; the first `count` hypotheses are none."""
+    for number in range(count, len(part.groups)):
+        others = {other: chosen for other, chosen in common.items() if other != number}
+        odds = part.beside((*_present(slots), *others.values())).odds_at(number)
+        drawn = _chosen(np.exp(np.append(odds, 0.0) - logsumexp(np.append(odds, 0.0))), rng)
+        common = others if drawn is None else others | {number: Chosen(number, drawn.scale)}
+    return common
 
 
 def _drawn(part: Dense, slots: Sequence[Chosen | None], own: Model) -> Drawn:

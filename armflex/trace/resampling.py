@@ -30,7 +30,7 @@ from armflex.conventions import Array
 from armflex.estimate.held_out import PARTS, POSE_FOLDS, apart_folds
 from armflex.parameters import DOUBT
 from armflex.trace.screen import Dense
-from armflex.trace.selection import MOST_TRIED, RESAMPLED, WITHIN, Model, rivals, without
+from armflex.trace.selection import MOST_TRIED, WITHIN, Model, rivals, without
 from armflex.trace.state import State
 from armflex.trace.validate import Folds
 
@@ -95,10 +95,10 @@ def _others(evidence: Dense, own: Model) -> Iterator[Model]:
     """Yield models that one has to be preferred to: without an effect, with another in its place, with one more."""
     for i in range(len(own)):
         yield without(own, i)
-        for rival in rivals(evidence.beside(own).without(i), most=MOST_TRIED, within=RESAMPLED * WITHIN):
+        for rival in rivals(evidence.beside(own).without(i), most=MOST_TRIED, within=4.0 * WITHIN):
             if rival.chosen.number != own[i].number:
                 yield (*own[:i], rival.chosen, *own[i + 1 :])
-    for rival in rivals(evidence.beside(own), most=MOST_TRIED, within=RESAMPLED * WITHIN):
+    for rival in rivals(evidence.beside(own), most=MOST_TRIED, within=4.0 * WITHIN):
         yield (*own, rival.chosen)
 
 

@@ -322,9 +322,9 @@ class Dense(Evidence):
     def extended(self, more: Sequence[Hypothesis], columns: Sequence[Array], projection: Projection) -> Dense:
         """Return these hypotheses and more, with (n, k) scaled columns of each, beside what another projection has."""
         every, first, groups = [self.columns, *columns], self.columns.shape[1], list(self.groups)
-        for hypothesis, some in zip(more, columns, strict=True):
-            groups.append(Group(hypothesis, first, np.ones(some.shape[1])))
-            first += some.shape[1]
+        for hypothesis, columns_of in zip(more, columns, strict=True):
+            groups.append(Group(hypothesis, first, np.ones(columns_of.shape[1])))
+            first += columns_of.shape[1]
         priors = np.concatenate([self.priors, prior_of(groups[len(self.groups) :])])
         return Dense(groups, np.hstack(every), projection, priors, self.numbers)
 

@@ -60,10 +60,6 @@ WITHIN, GRID_ERROR, SHORT = 12.0, 0.1, 8
 it may lack because its inner values lie on a grid (a wave a sixth of a period off lacks 9 %), and how many of each
 compete at most."""
 
-RESAMPLED = 4.0
-"""Tolerance: times as far below the best as elsewhere a hypothesis competes where the campaign is resampled: a resample
-may bring it forward."""
-
 BETTER = THOROUGH.flat
 """Tolerance: rise of the log posterior below which a model, or what is inside it, stays: fits are no closer."""
 

@@ -16,7 +16,6 @@ from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit
 from armflex.estimate.held_out import judged_by
 from armflex.estimate.outliers import fit_without_lost, lost_among, without_lost
 from armflex.estimate.pose_block import PoseBlock
-from armflex.estimate.robust import LEAST_SCATTER
 from armflex.estimate.view import gravity_in, look
 from armflex.laws.effects.context import Context, survey
 from armflex.laws.effects.effect import Effect
@@ -29,7 +28,7 @@ from armflex.progress import SILENT, Reporter
 from armflex.rows.rows import POSE, ROW
 from armflex.trace.families import NO_FAMILIES, Background, Sized, kinds_of
 from armflex.trace.hypotheses import Hypothesis
-from armflex.trace.projection import Projection
+from armflex.trace.projection import LEAST_SCATTER, Projection
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,12 +13,12 @@ import numpy as np
 
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.estimate.fit import Fit
-from armflex.estimate.robust import BY_CHANCE, LEAST_SCATTER
+from armflex.estimate.robust import BY_CHANCE
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.location import LINK
 from armflex.laws.effects.possible import USUAL_SHIFT, USUAL_TURN
 from armflex.parameters import DOUBT
-from armflex.trace.projection import Projection
+from armflex.trace.projection import LEAST_SCATTER, Projection
 
 RATIOS = np.logspace(-4.0, 8.0, 61)
 """Tolerance: variances tried, in units of what the mean pose could show at all."""
