@@ -205,7 +205,7 @@ def beside_calibrated(average: Averaged, folds: Folds, resamples: Resampled) -> 
         resamples: Of the campaign, over which it is an average.
     """
     state = average.state
-    errors = errors_of(state.fit, state.quiet * _predicted(folds, resamples.times))
+    errors = errors_of(state.fit, state.quiet * _predicted(state, folds, resamples.times))
     plain = held_out(state.calibrated, pose_folds(state.groups), judged=state.judged).errors
     share = _share(state, plain, errors)
     if share == 1.0:
@@ -225,18 +225,21 @@ def beside_calibrated(average: Averaged, folds: Folds, resamples: Resampled) -> 
     return replace(mixed, errors=plain + share * (errors - plain), share=share)
 
 
-def _predicted(folds: Folds, times: Array) -> Array:
+def _predicted(state: State, folds: Folds, times: Array) -> Array:
     """Return the (n,) whitened errors of readings predicted from the other folds by the average over models there.
 
-    Those of as many resamples in each fold as there are folds: fewer leave it a little worse than it is.
+    Those of as many resamples in each fold as there are folds: fewer leave it a little worse than it is. What stays
+    behind in the campaign, such as a field of the instrument, is in no prediction.
     """
     whole, count = folds.evidence.projection, len(folds.parts)
+    places = np.concatenate([np.zeros(0, dtype=int), *map(state.fit.places, state.background.walks)])
+    behind, numbers = state.fit.regressors[:, places] / state.quiet, np.searchsorted(_rest_of(state), places)
     left, each = np.empty(len(whole.data)), np.array_split(times[: count**2], count)
     for part, learned, model, counts in zip(folds.parts, folds.learned, folds.anew, each, strict=True):
         drawn = bagged(part, model, counts[:, learned]).drawn
         data = whole.data[~learned]
         for draw in drawn:
-            seen = whole.regressors[~learned] @ draw.rest
+            seen = whole.regressors[~learned] @ draw.rest - behind[~learned] @ whole.whole(draw.rest)[numbers]
             for chosen, values in zip(draw.model, draw.amplitudes, strict=True):
                 seen += _columns(folds.evidence, chosen.number)[~learned] @ values
             data = data - seen / len(drawn)
