@@ -33,10 +33,19 @@ from armflex.trace.findings import (
     unexplained,
 )
 from armflex.trace.hypotheses import Hypothesis
-from armflex.trace.probabilities import CREDIBLE, Bagged, Credible, bagged, competing, with_families
+from armflex.trace.probabilities import CREDIBLE, Bagged, Credible, bagged, beside_families, competing
 from armflex.trace.resampling import RESAMPLES, Resampled, parted_by, resampled
 from armflex.trace.screen import ALMOST, UNIT_MOTION, Dense
-from armflex.trace.search import Standing, exchanged, is_full, linear, refitted, spots, standing
+from armflex.trace.search import (
+    Standing,
+    exchanged,
+    is_full,
+    linear,
+    refitted,
+    spots,
+    standing,
+    with_families,
+)
 from armflex.trace.selection import BETTER, SCALES, Model, climbed, without
 from armflex.trace.state import State, lost_of, refit, sorted_out
 from armflex.trace.unrecorded import RandomTwist
@@ -73,7 +82,7 @@ def weighed(here: Standing) -> Weighed:
         evidence = competing(here.screen, here.model)
         model, folds = evidence.here(here.model), Folds(evidence, pose_folds(state.groups))
         resamples = resampled(evidence, model, parted_by(state), folds)
-        families = with_families(evidence, model, state, here.screen.unit)
+        families = beside_families(evidence, model, state, here.screen.unit)
         for times in (resamples.times[: RESAMPLES // 5], resamples.times):  # few are enough for what is sure
             posterior = bagged(evidence, model, times, families=families)
             credible = posterior.credible
@@ -102,6 +111,7 @@ def weighed(here: Standing) -> Weighed:
             after = refitted(here, ())
         if after is None:
             raise ConvergenceError("the arm with nothing added does not come to rest, or its fit does not settle", ())
+        after = with_families(after)  # what it was taken for may be one
         here = replace(standing(after, here), rejected=[*here.rejected, spots(here.screen, here.model)])
 
 

@@ -105,7 +105,7 @@ def competing(screen: Screen, model: Model) -> Dense:
     return screen.dense(tuple(charges), priors)
 
 
-def with_families(evidence: Dense, model: Model, state: State, unit: float) -> tuple[Dense, Model]:
+def beside_families(evidence: Dense, model: Model, state: State, unit: float) -> tuple[Dense, Model]:
     """Return what competes with the families that a resample may have or do without as further hypotheses.
 
     A name that explains no more than a family does not survive where it is: it must beat that in every resample, as a
@@ -212,7 +212,7 @@ def bagged(
         own: The model.
         times: (R, n) how often every reading counts in each resample of the campaign.
         seed: Of what is drawn.
-        families: What competes `with_families`; what they have is nothing in the place of an effect. When not given
+        families: What competes `beside_families`; what they have is nothing in the place of an effect. When not given
             they are as the evidence has them.
     """
     rng, names, visited = np.random.default_rng(seed), named(evidence, own), set[Model]()
