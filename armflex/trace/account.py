@@ -230,7 +230,7 @@ def _found(outcome: Weighed, number: int) -> Found:
     assert seen is not None
     return Found(
         effect=state.fitted[number],
-        std=state.std_of(state.effects[number]),
+        std=outcome.averaged.std_of(state.effects[number]),
         evidence=2.0 * credible.ranking[0][1],
         proof=seen.proofs[number],
         ranking=tuple((hypothesis, 2.0 * odds) for hypothesis, odds in credible.ranking),

@@ -40,7 +40,7 @@ from armflex.parameters import DOUBT, Certainty, numbers_of
 from armflex.trace.probabilities import Drawn, bagged
 from armflex.trace.resampling import Resampled
 from armflex.trace.screen import Dense
-from armflex.trace.selection import Model
+from armflex.trace.selection import MOST_TRIED, Model
 from armflex.trace.state import State
 from armflex.trace.validate import Folds
 
@@ -54,6 +54,7 @@ class Averaged:
         rivals: Effects that some models have in the place of what was found, or beside it.
         values: (P,) of what is fitted, in its order, and then of the rivals.
         spread: (P, P) covariance of the values between models.
+        scatter: (P,) variance between resamples of the values of what was found, beside the same things.
         errors: (M, n) of what is read foremost on poses held out, everything chosen and fitted without them [m]; None
             where none were.
         share: Weight of what was found and of families, 1 less that of the calibrated arm.
@@ -64,6 +65,7 @@ class Averaged:
     rivals: tuple[EffectBlock, ...]
     values: Array
     spread: Array
+    scatter: Array
     errors: Array | None = None
     share: float = 1.0
     shares: tuple[float, ...] = ()
@@ -87,6 +89,12 @@ class Averaged:
     def effects(self) -> tuple[Effect, ...]:
         """The same with its values."""
         return tuple(block.at(self.values[places_of(block, self.blocks)]) for block in self.added)
+
+    def std_of(self, block: EffectBlock) -> dict[str, float]:
+        """Return the standard uncertainties of what was found, by name: of the fit, or between resamples if larger."""
+        fit = self.state.fit
+        places = fit.places(block)
+        return block.std(fit.values[places], np.maximum(fit.posterior.std[places], np.sqrt(self.scatter[places])))
 
     def stated(self, certainty: Certainty) -> list[tuple[Effect, dict[str, float]]]:
         """Return what is added with the standard uncertainty of its values by name, where that is known."""
@@ -116,7 +124,7 @@ class Averaged:
 def alone(state: State) -> Averaged:
     """Return a state as the only model."""
     count = len(state.fit.values)
-    return Averaged(state, (), state.fit.values, np.zeros((count, count)))
+    return Averaged(state, (), state.fit.values, np.zeros((count, count)), np.zeros(count))
 
 
 def averaged(state: State, evidence: Dense, own: Model, drawn: Sequence[Drawn]) -> Averaged:
@@ -168,8 +176,35 @@ def averaged(state: State, evidence: Dense, own: Model, drawn: Sequence[Drawn]) 
     start = np.concatenate([fit.values, np.zeros(count - len(fit.values))])
     view, weights = looked_at(fit, blocks, start), fit.weights
     wanted = whitened_residual(view, weights) - whitened_regressors(blocks, view, weights) @ step
-    average = Averaged(state, rivals, moved(blocks, start, step), whole)
+    scatter = _scatter(state, mine, drawn)
+    whole[np.diag_indices(len(scatter))] = np.maximum(np.diag(whole)[: len(scatter)], scatter)
+    average = Averaged(state, rivals, moved(blocks, start, step), whole, scatter)
     return replace(_settled(average, wanted), shares=tuple(shares[number] / len(drawn) for number in kept))
+
+
+def _scatter(state: State, mine: Sequence[int], drawn: Sequence[Drawn]) -> Array:
+    """Return the (P,) variance of fitted values between resamples, of what was found; zero of all else.
+
+    It is that over resamples with what was found and nothing else, where there are a few, else over all that have it.
+    Readings that are off together show in it. Values inside a law, which models share, vary as its amplitudes do.
+    """
+    fit, variance = state.fit, np.zeros(len(state.fit.values))
+    alike = [draw for draw in drawn if sorted(chosen.number for chosen in draw.model) == sorted(mine)]
+    for number, block in zip(mine, state.effects, strict=True):
+        places, acting = fit.places(block), len(block.effect.location.terms)
+        sizes = [
+            amplitudes
+            for draw in (alike if len(alike) >= MOST_TRIED else drawn)
+            for chosen, amplitudes in zip(draw.model, draw.amplitudes, strict=True)
+            if chosen.number == number
+        ]
+        if len(sizes) < MOST_TRIED:
+            continue
+        variance[places[:acting]] = np.var(sizes, axis=0)
+        inner = places[acting:][np.isfinite(fit.posterior.std[places[acting:]])]
+        ratio = variance[places[:acting]] / fit.posterior.std[places[:acting]] ** 2
+        variance[inner] = float(ratio.mean()) * fit.posterior.std[inner] ** 2
+    return variance
 
 
 def _settled(average: Averaged, wanted: Array) -> Averaged:

@@ -115,10 +115,6 @@ class State:
         """Return the fitted values of one block."""
         return self.fit.values[self.fit.places(block)]
 
-    def std_of(self, block: EffectBlock) -> dict[str, float]:
-        """Return the standard uncertainties of an effect's values by name."""
-        return block.std(self.values_of(block), self.fit.posterior.std[self.fit.places(block)])
-
     @cached_property
     def fitted(self) -> tuple[Effect, ...]:
         """The added effects with the values that the fit gave them."""

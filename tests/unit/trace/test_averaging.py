@@ -99,7 +99,7 @@ def test_a_rival_that_changes_the_model_is_in_the_arm(fitted: State) -> None:
         EffectBlock(one, (), context, first + i, np.full(1, np.inf)) for i, one in enumerate((compliance, mass))
     )
     values = np.append(fitted.fit.values, [1e-4, 2.5])
-    average = Averaged(fitted, rivals, values, np.zeros((len(values),) * 2))
+    average = Averaged(fitted, rivals, values, np.zeros((len(values),) * 2), np.zeros(len(values)))
     softer = fitted.fit.setup.with_effect(rivals[0].at(values[-2:-1]))
     arms = (average.setup.arm, softer.with_effect(rivals[1].at(values[-1:])).arm, softer.arm)
     came = dict.fromkeys(context.row.covariates, 1.0)

@@ -20,6 +20,7 @@ from armflex.estimate.held_out import held_out, pose_folds
 from armflex.measured.measurements import Measurements
 from armflex.progress import Doing
 from armflex.trace.account import conclude
+from armflex.trace.averaging import alone
 from armflex.trace.findings import Trace
 from armflex.trace.screen import ALMOST
 from armflex.trace.search import Standing, refitted, standing
@@ -163,7 +164,7 @@ def test_an_effect_that_is_not_distinguished_from_zero_is_no_finding(empty: Stan
     assert state is not None
     believed = standing(state, empty)
     (effect,), (block,) = believed.state.fitted, believed.state.effects
-    assert abs(effect.acting[0]) < 2.0 * next(iter(believed.state.std_of(block).values()))
+    assert abs(effect.acting[0]) < 2.0 * next(iter(alone(believed.state).std_of(block).values()))
     assert conclude(believed, empty.places).found == ()
 
 
