@@ -6,10 +6,10 @@ a campaign by more than readings scatter, and every further row makes the least 
 the posterior over bootstrap resamples, the bagged posterior, is certain of what resamples agree on (Huggins and Miller
 2023, "Reproducible model selection using bagged posteriors", Bayesian Analysis 18).
 
-A resample has as many parts as there are, drawn with replacement. Fewer draws would state less than what is repeatable,
-more draws more: of names that halves of measured campaigns are sure of, those that the other half has, too, are as many
-as is stated only so. Where readings scatter independently about a true model it understates: there the posterior itself
-is right.
+A resample has as many parts as there are, drawn with replacement, where parts differ by more than chance allows: of
+names that halves of measured campaigns are sure of, those that the other half has, too, are as many as is stated only
+so. Where they do not it has twice as many, each of which counts half: less is repeated by chance, and nothing shows
+that the model is true. In between the probability of so large a difference by chance decides.
 
 Which parts are drawn follows from what they show. Let residuals of two models differ by d. A reading with the error e,
 predicted from other folds with everything chosen and fitted without its own, changes the log evidence of one model over
@@ -24,7 +24,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtri
+from scipy.special import chdtrc, chdtri
 
 from armflex.conventions import Array
 from armflex.estimate.held_out import PARTS, POSE_FOLDS, apart_folds
@@ -68,17 +68,19 @@ def resampled(evidence: Dense, own: Model, parted: Mapping[str, np.ndarray], pos
     noise, here = evidence.beside(own).noise, evidence.left(own)
     apart = [evidence.left(other) - here for other in _others(evidence, own)]
     apart = [one for one in apart if one @ one > 0.0]
-    by, most, drawn = POSES, 1.0, parted[POSES]
+    by, most, drawn, by_chance = POSES, 1.0, parted[POSES], 1.0
     count = len(here) // len(drawn)
     for name, parts in parted.items() if apart and len(set(drawn)) >= POSE_FOLDS else ():
         folds = poses if name == POSES else Folds(evidence, parts % POSE_FOLDS, own)
-        chance = float(chdtri(int(parts.max()), DOUBT)) / int(parts.max())
-        ratio = float(np.median(_mismatches(folds, apart, np.repeat(parts, count), noise))) / chance
-        if ratio > most:
-            by, most, drawn = name, ratio, parts
+        freedom = int(parts.max())
+        ratio = float(np.median(_mismatches(folds, apart, np.repeat(parts, count), noise)))
+        if (beyond := ratio * freedom / float(chdtri(freedom, DOUBT))) > most:
+            by, most, drawn = name, beyond, parts
+            by_chance = float(chdtrc(freedom, ratio * freedom)) / DOUBT
     number = int(drawn.max()) + 1
-    draws = np.random.default_rng(seed).multinomial(number, np.full(number, 1.0 / number), size=RESAMPLES)
-    return Resampled(by, most, np.repeat(draws[:, drawn].astype(float), count, axis=1))
+    size = round(number * (1.0 + by_chance))
+    draws = np.random.default_rng(seed).multinomial(size, np.full(number, 1.0 / number), size=RESAMPLES)
+    return Resampled(by, most, np.repeat((draws * number / size)[:, drawn], count, axis=1))
 
 
 def parted_by(state: State) -> dict[str, np.ndarray]:

@@ -68,9 +68,9 @@ def test_a_search_that_some_poses_lead_ends_where_one_of_all_does(
     monkeypatch.setattr(sys.modules["armflex.trace.search"], "ROWS_AT_ONCE", poses)
     led = trace(load_arm(whole.truth.arm), whole.rows, whole.used, report=said.append)
     assert any(one.startswith(f"beginning with {poses // 2} of {poses} ") for one in said)
-    (effect,), (other,) = led.arm.effects, whole.finished.arm.effects
-    assert effect.title == other.title and effect.seen == other.seen
-    assert effect.values == pytest.approx(other.values, rel=1e-2)
+    (found,), (other,) = led.found, whole.finished.found
+    assert found.effect.title == other.effect.title and found.effect.seen == other.effect.seen
+    assert found.effect.values == pytest.approx(other.effect.values, rel=1e-2)
     assert led.held_out == pytest.approx(whole.finished.held_out, rel=1e-3)
     assert np.array_equal(led.rows, whole.finished.rows)
 
