@@ -166,10 +166,10 @@ class Fit:
             return ((self._by_most(0, self.noise, self.freedom), self.freedom),)
         within = (self.residual * np.sqrt(self.weights.ravel())).reshape(self.view.residual.shape)
         columns, noises = self.regressors.reshape(*self.view.residual.shape, -1), []
-        for number, place in enumerate(groups):
+        for number, (place, count) in enumerate(zip(groups, self.view.counts, strict=True)):
             part = columns[:, place].reshape(-1, columns.shape[2])
             taken = float((self._as_stated.covariance * (part.T @ part)).sum())
-            freedom = max(float(np.isfinite(self.view.sigma[:, place]).sum()) - taken, 1.0)
+            freedom = max(count - taken, 1.0)
             noise = float(np.sqrt((within[:, place] ** 2).sum() / freedom))
             noises.append((self._by_most(number, noise, freedom), freedom))
         return tuple(noises)

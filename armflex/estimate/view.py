@@ -116,8 +116,14 @@ class View:
 
     @property
     def count(self) -> int:
-        """Number of readings: an orientation that was not read is none."""
-        return int(np.isfinite(self.sigma).sum())
+        """Number of readings."""
+        return sum(self.counts)
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """(G,) readings of each instrument: an orientation that was not read is none, nor is what cannot be wrong."""
+        each = [(kind.name, int(np.isfinite(kind.sigma).sum()) - kind.exact) for kind in self.readings.kinds]
+        return tuple(sum(count for name, count in each if name == instrument) for instrument in self.readings.names)
 
     @property
     def by_frame(self) -> Array:

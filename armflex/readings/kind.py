@@ -128,6 +128,11 @@ class Kind(ABC):
         return value, std
 
     @property
+    def exact(self) -> int:
+        """How many of its numbers cannot be wrong, and are no readings."""
+        return 0
+
+    @property
     def headers(self) -> tuple[str, ...]:
         """Names of (d,) columns that hold its numbers."""
         return self.columns(self.name)

@@ -14,6 +14,11 @@ UNREAD = 1000.0
 """Tolerance: times as uncertain as the best coordinate of its row one is stated that nobody read, as of a height."""
 
 
+LENGTH_ALIKE, FEWEST_ALIKE = 0.1, 8
+"""Tolerance: scatter of the lengths of positions, over their standard deviation, below which all have one length
+exactly, and how many show that: they are directions, written as unit vectors."""
+
+
 @dataclass(frozen=True, eq=False)
 class Position(Kind):
     """(N, 3) coordinates of the target in the instrument frame [m]."""
@@ -28,6 +33,14 @@ class Position(Kind):
     def read(self) -> np.ndarray:
         """(N, 3) coordinates that were read, in rows where any was."""
         return self.sigma <= UNREAD * self.sigma.min(axis=1, keepdims=True)
+
+    @property
+    def exact(self) -> int:
+        """The lengths of unit vectors: as readings without an error they would show that all others have none."""
+        read = np.isfinite(self.sigma).all(axis=1)
+        lengths, std = np.linalg.norm(self.values[read], axis=1), self.sigma[read]
+        alike = len(std) >= FEWEST_ALIKE and lengths.std() < LENGTH_ALIKE * np.sqrt((std**2).mean())
+        return int(read.sum()) if alike else 0
 
     def _points(self, at: Postures) -> Array:
         points = self._straight(at)

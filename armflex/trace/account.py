@@ -33,10 +33,19 @@ from armflex.trace.findings import (
     unexplained,
 )
 from armflex.trace.hypotheses import Hypothesis
-from armflex.trace.probabilities import CREDIBLE, Bagged, Credible, bagged, competing
+from armflex.trace.probabilities import CREDIBLE, Bagged, Credible, bagged, beside_families, competing
 from armflex.trace.resampling import RESAMPLES, Resampled, parted_by, resampled
 from armflex.trace.screen import ALMOST, UNIT_MOTION, Dense
-from armflex.trace.search import Standing, exchanged, is_full, linear, refitted, spots, standing
+from armflex.trace.search import (
+    Standing,
+    exchanged,
+    is_full,
+    linear,
+    refitted,
+    spots,
+    standing,
+    with_families,
+)
 from armflex.trace.selection import BETTER, SCALES, Model, climbed, without
 from armflex.trace.state import State, lost_of, refit, sorted_out
 from armflex.trace.unrecorded import RandomTwist
@@ -73,11 +82,12 @@ def weighed(here: Standing) -> Weighed:
         evidence = competing(here.screen, here.model)
         model, folds = evidence.here(here.model), Folds(evidence, pose_folds(state.groups))
         resamples = resampled(evidence, model, parted_by(state), folds)
+        families = beside_families(evidence, model, state, here.screen.unit)
         for times in (resamples.times[: RESAMPLES // 5], resamples.times):  # few are enough for what is sure
-            posterior = bagged(evidence, model, times)
+            posterior = bagged(evidence, model, times, families=families)
             credible = posterior.credible
             after = _with_likelier(here, evidence, model, posterior)
-            if after is not None or any(verdict.nothing > CREDIBLE for verdict in credible[:-1]):
+            if after is not None or posterior.sure or any(verdict.nothing > CREDIBLE for verdict in credible[:-1]):
                 break
         if after is not None:
             here = after
@@ -101,6 +111,7 @@ def weighed(here: Standing) -> Weighed:
             after = refitted(here, ())
         if after is None:
             raise ConvergenceError("the arm with nothing added does not come to rest, or its fit does not settle", ())
+        after = with_families(after)  # what it was taken for may be one
         here = replace(standing(after, here), rejected=[*here.rejected, spots(here.screen, here.model)])
 
 
@@ -219,7 +230,7 @@ def _found(outcome: Weighed, number: int) -> Found:
     assert seen is not None
     return Found(
         effect=state.fitted[number],
-        std=state.std_of(state.effects[number]),
+        std=outcome.averaged.std_of(state.effects[number]),
         evidence=2.0 * credible.ranking[0][1],
         proof=seen.proofs[number],
         ranking=tuple((hypothesis, 2.0 * odds) for hypothesis, odds in credible.ranking),

@@ -40,7 +40,7 @@ from armflex.parameters import DOUBT, Certainty, numbers_of
 from armflex.trace.probabilities import Drawn, bagged
 from armflex.trace.resampling import Resampled
 from armflex.trace.screen import Dense
-from armflex.trace.selection import Model
+from armflex.trace.selection import MOST_TRIED, Model
 from armflex.trace.state import State
 from armflex.trace.validate import Folds
 
@@ -54,6 +54,7 @@ class Averaged:
         rivals: Effects that some models have in the place of what was found, or beside it.
         values: (P,) of what is fitted, in its order, and then of the rivals.
         spread: (P, P) covariance of the values between models.
+        scatter: (P,) variance between resamples of the values of what was found, beside the same things.
         errors: (M, n) of what is read foremost on poses held out, everything chosen and fitted without them [m]; None
             where none were.
         share: Weight of what was found and of families, 1 less that of the calibrated arm.
@@ -64,6 +65,7 @@ class Averaged:
     rivals: tuple[EffectBlock, ...]
     values: Array
     spread: Array
+    scatter: Array
     errors: Array | None = None
     share: float = 1.0
     shares: tuple[float, ...] = ()
@@ -87,6 +89,12 @@ class Averaged:
     def effects(self) -> tuple[Effect, ...]:
         """The same with its values."""
         return tuple(block.at(self.values[places_of(block, self.blocks)]) for block in self.added)
+
+    def std_of(self, block: EffectBlock) -> dict[str, float]:
+        """Return the standard uncertainties of what was found, by name: of the fit, or between resamples if larger."""
+        fit = self.state.fit
+        places = fit.places(block)
+        return block.std(fit.values[places], np.maximum(fit.posterior.std[places], np.sqrt(self.scatter[places])))
 
     def stated(self, certainty: Certainty) -> list[tuple[Effect, dict[str, float]]]:
         """Return what is added with the standard uncertainty of its values by name, where that is known."""
@@ -116,7 +124,7 @@ class Averaged:
 def alone(state: State) -> Averaged:
     """Return a state as the only model."""
     count = len(state.fit.values)
-    return Averaged(state, (), state.fit.values, np.zeros((count, count)))
+    return Averaged(state, (), state.fit.values, np.zeros((count, count)), np.zeros(count))
 
 
 def averaged(state: State, evidence: Dense, own: Model, drawn: Sequence[Drawn]) -> Averaged:
@@ -168,8 +176,35 @@ def averaged(state: State, evidence: Dense, own: Model, drawn: Sequence[Drawn]) 
     start = np.concatenate([fit.values, np.zeros(count - len(fit.values))])
     view, weights = looked_at(fit, blocks, start), fit.weights
     wanted = whitened_residual(view, weights) - whitened_regressors(blocks, view, weights) @ step
-    average = Averaged(state, rivals, moved(blocks, start, step), whole)
+    scatter = _scatter(state, mine, drawn)
+    whole[np.diag_indices(len(scatter))] = np.maximum(np.diag(whole)[: len(scatter)], scatter)
+    average = Averaged(state, rivals, moved(blocks, start, step), whole, scatter)
     return replace(_settled(average, wanted), shares=tuple(shares[number] / len(drawn) for number in kept))
+
+
+def _scatter(state: State, mine: Sequence[int], drawn: Sequence[Drawn]) -> Array:
+    """Return the (P,) variance of fitted values between resamples, of what was found; zero of all else.
+
+    It is that over resamples with what was found and nothing else, where there are a few, else over all that have it.
+    Readings that are off together show in it. Values inside a law, which models share, vary as its amplitudes do.
+    """
+    fit, variance = state.fit, np.zeros(len(state.fit.values))
+    alike = [draw for draw in drawn if sorted(chosen.number for chosen in draw.model) == sorted(mine)]
+    for number, block in zip(mine, state.effects, strict=True):
+        places, acting = fit.places(block), len(block.effect.location.terms)
+        sizes = [
+            amplitudes
+            for draw in (alike if len(alike) >= MOST_TRIED else drawn)
+            for chosen, amplitudes in zip(draw.model, draw.amplitudes, strict=True)
+            if chosen.number == number
+        ]
+        if len(sizes) < MOST_TRIED:
+            continue
+        variance[places[:acting]] = np.var(sizes, axis=0)
+        inner = places[acting:][np.isfinite(fit.posterior.std[places[acting:]])]
+        ratio = variance[places[:acting]] / fit.posterior.std[places[:acting]] ** 2
+        variance[inner] = float(ratio.mean()) * fit.posterior.std[inner] ** 2
+    return variance
 
 
 def _settled(average: Averaged, wanted: Array) -> Averaged:
@@ -205,7 +240,7 @@ def beside_calibrated(average: Averaged, folds: Folds, resamples: Resampled) -> 
         resamples: Of the campaign, over which it is an average.
     """
     state = average.state
-    errors = errors_of(state.fit, state.quiet * _predicted(folds, resamples.times))
+    errors = errors_of(state.fit, state.quiet * _predicted(state, folds, resamples.times))
     plain = held_out(state.calibrated, pose_folds(state.groups), judged=state.judged).errors
     share = _share(state, plain, errors)
     if share == 1.0:
@@ -225,18 +260,21 @@ def beside_calibrated(average: Averaged, folds: Folds, resamples: Resampled) -> 
     return replace(mixed, errors=plain + share * (errors - plain), share=share)
 
 
-def _predicted(folds: Folds, times: Array) -> Array:
+def _predicted(state: State, folds: Folds, times: Array) -> Array:
     """Return the (n,) whitened errors of readings predicted from the other folds by the average over models there.
 
-    Those of as many resamples in each fold as there are folds: fewer leave it a little worse than it is.
+    Those of as many resamples in each fold as there are folds: fewer leave it a little worse than it is. What stays
+    behind in the campaign, such as a field of the instrument, is in no prediction.
     """
     whole, count = folds.evidence.projection, len(folds.parts)
+    places = np.concatenate([np.zeros(0, dtype=int), *map(state.fit.places, state.background.walks)])
+    behind, numbers = state.fit.regressors[:, places] / state.quiet, np.searchsorted(_rest_of(state), places)
     left, each = np.empty(len(whole.data)), np.array_split(times[: count**2], count)
     for part, learned, model, counts in zip(folds.parts, folds.learned, folds.anew, each, strict=True):
         drawn = bagged(part, model, counts[:, learned]).drawn
         data = whole.data[~learned]
         for draw in drawn:
-            seen = whole.regressors[~learned] @ draw.rest
+            seen = whole.regressors[~learned] @ draw.rest - behind[~learned] @ whole.whole(draw.rest)[numbers]
             for chosen, values in zip(draw.model, draw.amplitudes, strict=True):
                 seen += _columns(folds.evidence, chosen.number)[~learned] @ values
             data = data - seen / len(drawn)
@@ -291,7 +329,8 @@ def _blocks(state: State, evidence: Dense, numbers: Sequence[int]) -> tuple[Effe
         effect = replace(candidate.effect(np.zeros(len(candidate.location.terms))), derived=derived)
         effects.append(effect.seen_in(state.context, state.rows))
     ends = zip(effects, numbers_of((*before, *effects))[len(before) :], strict=True)
+    first = len(state.fit.setup.arm.effects)  # with what wanders, which stays behind
     return tuple(
-        EffectBlock(effect, (), state.context, len(before) + i, np.full(len(effect.location.terms), np.inf), number)
+        EffectBlock(effect, (), state.context, first + i, np.full(len(effect.location.terms), np.inf), number)
         for i, (effect, number) in enumerate(ends)
     )

@@ -22,6 +22,7 @@ from armflex.laws.effects.effect import EffectLaw, Search, Values
 from armflex.laws.effects.hysteresis import HYSTERESIS
 from armflex.laws.effects.location import LINK, Location, drive_axis
 from armflex.laws.effects.shapes import ABOVE
+from armflex.laws.effects.unnamed import LINE
 
 EFFECTS = 2.0
 """Prior: effects that an arm is expected to lack."""
@@ -84,6 +85,12 @@ class Hypothesis:
         """Whether its only amplitude must be positive."""
         terms = self.one.location.terms
         return len(terms) == 1 and self.one.law.amplitudes[terms[0]].positive
+
+
+def of_family(name: str, count: int) -> Hypothesis:
+    """Return one of so many families as a hypothesis: whatever it does at all of its places."""
+    anywhere = Candidate(replace(LINE, name=name), Location(""), ())
+    return Hypothesis(anywhere, log(EFFECTS * FAMILIAL / count))
 
 
 def searched() -> list[EffectLaw]:

@@ -12,17 +12,28 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import logit, logsumexp
 
 from armflex.conventions import Array
 from armflex.laws.effects.candidate import places_of
 from armflex.laws.effects.effect import Search
 from armflex.parameters import DOUBT
 from armflex.plan.next_measurement import POSSIBLE
-from armflex.trace.hypotheses import Hypothesis, oddness
+from armflex.trace.hypotheses import Hypothesis, oddness, of_family
+from armflex.trace.projection import LEAST_INFORMED
 from armflex.trace.refine import refine
 from armflex.trace.screen import ALMOST, Dense, Screen
-from armflex.trace.selection import MOST_COMPETING, WITHIN, Chosen, Model, climbed, rivals, without
+from armflex.trace.selection import (
+    MOST_COMPETING,
+    SCALES,
+    WITHIN,
+    Chosen,
+    Model,
+    climbed,
+    rivals,
+    without,
+)
+from armflex.trace.state import State
 
 SWEEPS = 2
 """Tolerance: sweeps of the sampler in every resample."""
@@ -94,6 +105,45 @@ def competing(screen: Screen, model: Model) -> Dense:
     return screen.dense(tuple(charges), priors)
 
 
+def beside_families(evidence: Dense, model: Model, state: State, unit: float) -> tuple[Dense, Model]:
+    """Return what competes with the families that a resample may have or do without as further hypotheses.
+
+    A name that explains no more than a family does not survive where it is: it must beat that in every resample, as a
+    name beside families that stay as they are need not.
+
+    Args:
+        evidence: What competes beside the families of a state.
+        model: Of it.
+        state: The state.
+        unit: Square of a whitened column that moves the target by 1 mm, RMS.
+
+    Returns:
+        What competes, families last, and the model with those of them that the state has.
+    """
+    if not model:
+        return evidence, model
+    sized, background, count = state.sized, state.background, len(evidence.groups)
+    doubted = sized.doubted(background)
+    projection = state.bare_without(*doubted).condensed
+    families, columns = list[Hypothesis](), list[Array]()
+    for name in (*doubted, *(name for name in sized.kinds.names if name not in background.names)):
+        together = sized.together(name, background) / state.quiet
+        together *= np.sqrt(unit / max(float((together**2).sum()), 1e-300))
+        information, axes = np.linalg.eigh(projection.inside(together))
+        families.append(of_family(name, len(sized.kinds.names)))
+        columns.append(together @ axes[:, information * SCALES[0] ** 2 > LEAST_INFORMED])
+    whole, with_common = evidence.extended(families, columns, projection), model
+    for number in range(count, count + len(doubted)):
+        scale = int(whole.beside(with_common).odds_at(number).argmax())
+        with_common = (*with_common, Chosen(number, scale))
+    competes = np.arange(len(families)) < len(doubted)
+    for place, chosen in enumerate(model):
+        odds = whole.beside(without(with_common, place)).odds.max(axis=1)
+        competes |= odds[count:] > max(odds[chosen.number] - 4.0 * WITHIN, 0.0)
+    kept = np.flatnonzero(competes).tolist()  # those that the state has come first and keep their numbers
+    return evidence.extended([families[i] for i in kept], [columns[i] for i in kept], projection), with_common
+
+
 def _elsewhere(screen: Screen, model: Model) -> list[Hypothesis]:
     """Return shapes of a model that were only sought where they are, at all other places over the same columns."""
     held, elsewhere = {group.hypothesis.one for group in screen.groups}, list[Hypothesis]()
@@ -142,14 +192,19 @@ class Bagged:
         credible: What every hypothesis of the model may be, last what may be missing beside them.
         visited: Models that the sampler visited.
         drawn: Models as sweeps of the sampler left them.
+        sure: Whether every hypothesis of the model is so much likelier than all else in these resamples, by four
+            standard deviations of its log odds, that more of them would say the same.
     """
 
     credible: tuple[Credible, ...]
     visited: set[Model]
     drawn: tuple[Drawn, ...]
+    sure: bool
 
 
-def bagged(evidence: Dense, own: Model, times: Iterable[Array], seed: int = 0) -> Bagged:
+def bagged(
+    evidence: Dense, own: Model, times: Iterable[Array], seed: int = 0, families: tuple[Dense, Model] | None = None
+) -> Bagged:
     """Return the posterior of every place of a model, averaged over resamples of a campaign.
 
     Args:
@@ -157,41 +212,52 @@ def bagged(evidence: Dense, own: Model, times: Iterable[Array], seed: int = 0) -
         own: The model.
         times: (R, n) how often every reading counts in each resample of the campaign.
         seed: Of what is drawn.
+        families: What competes `beside_families`; what they have is nothing in the place of an effect. When not given
+            they are as the evidence has them.
     """
     rng, names, visited = np.random.default_rng(seed), named(evidence, own), set[Model]()
-    mine = [int(names[chosen.number]) for chosen in own]
-    other = ~np.isin(np.arange(len(names)), mine)
-    chances, nothing = np.zeros((len(own) + 1, len(names))), np.zeros(len(own) + 1)
-    part, best, sweeps = None, own, list[Drawn]()
+    mine, count = [int(names[chosen.number]) for chosen in own], len(names)
+    other = ~np.isin(np.arange(count), mine)
+    chances, nothing = np.zeros((len(own) + 1, count)), np.zeros(len(own) + 1)
+    whole, begun = families or (evidence, own)
+    part, plain, best = None, evidence, own
+    sweeps, margins = list[Drawn](), [list[float]() for _ in own]
     for each in times:
-        before, part = part, evidence.resampled(each)
+        before, part = part, whole.resampled(each)
         if part is not before:  # from what was found, and from nothing: where both lead the likelier is taken
-            best = max((climbed(part, begun) for begun in (own, ())), key=part.log_posterior)
-        slots = _placed(best, own, names)
+            best = max((climbed(part, start) for start in (begun, ())), key=part.log_posterior)
+            plain = evidence.resampled(each) if families else part
+        slots = _placed(tuple(chosen for chosen in best if chosen.number < count), own, names)
+        common = {chosen.number: chosen for chosen in best if chosen.number >= count}
         for i in [*range(len(own) + 1)] * SWEEPS:
             if i == len(own):
-                sweeps.append(_drawn(part, slots, own))
-            if i == len(own) and None in slots:
-                continue  # what is drawn beside a model that lacks one is that one
-            beside = part.beside(tuple(other for j, other in enumerate(slots) if j != i and other is not None))
-            whole = float(np.logaddexp(0.0, logsumexp(beside.odds)))
-            weights, none = np.exp(beside.odds - whole), float(np.exp(-whole))
-            chance = np.bincount(names, weights.sum(axis=1), len(names))
+                sweeps.append(_drawn(plain, slots, own))
+                common = _drawn_families(part, slots, common, count, rng)
+                if None in slots:
+                    continue  # what is drawn beside a model that lacks one is that one
+            beside = part.beside((*_present(slots[:i] + slots[i + 1 :]), *common.values()))
+            odds = beside.odds.copy()
+            odds[list(common)] = -np.inf
+            scale = float(np.logaddexp(0.0, logsumexp(odds)))
+            weights, none = np.exp(odds - scale), float(np.exp(-scale))
+            chance = np.bincount(names, weights[:count].sum(axis=1), count)
+            unnamed = none + float(weights[count:].sum())
             if i == len(own):
                 chances[i] += chance
-                nothing[i] += none
+                nothing[i] += unnamed
                 continue
             # Effects may have changed places: one that is in another's is there, and its own place says nothing of it.
-            held = sum(names[other.number] == mine[i] for j, other in enumerate(slots) if j != i and other is not None)
+            held = sum(names[other.number] == mine[i] for other in _present(slots[:i] + slots[i + 1 :]))
             if held >= mine.count(mine[i]):
                 chances[i, mine[i]] += 1.0
             else:
-                chances[i] += np.where(other | (np.arange(len(names)) == mine[i]), chance, 0.0)
-                nothing[i] += none
-            every = np.append(weights.ravel(), none)
-            drawn = rng.choice(len(every), p=every / every.sum())
-            slots[i] = None if drawn == weights.size else Chosen(*map(int, np.unravel_index(drawn, weights.shape)))
-            visited.add(tuple(chosen for chosen in slots if chosen is not None))
+                chances[i] += np.where(other | (np.arange(count) == mine[i]), chance, 0.0)
+                nothing[i] += unnamed
+                margins[i].append(float(logit(np.clip(chance[mine[i]], 1e-12, 1.0 - 1e-12))))
+            slots[i] = _chosen(np.append(weights.ravel(), none), rng)
+            if (drawn := slots[i]) is not None and drawn.number >= count:
+                common, slots[i] = common | {drawn.number: drawn}, None
+            visited.add(tuple(_present(slots)))
     counted = np.maximum(chances.sum(axis=1) + nothing, 1e-300)
     nothing /= counted
     credible = []
@@ -206,7 +272,30 @@ def bagged(evidence: Dense, own: Model, times: Iterable[Array], seed: int = 0) -
         probability = float(chance[mine[i]]) if i < len(own) else 0.0
         suspects.sort(key=lambda pair: -pair[1])
         credible.append(Credible(probability, float(nothing[i]), tuple(suspects), tuple(best_of.values())))
-    return Bagged(tuple(credible), visited, tuple(sweeps))
+    sure = all(len(odds) > 1 and np.mean(odds) > 4.0 * np.std(odds) for odds in margins)
+    return Bagged(tuple(credible), visited, tuple(sweeps), sure)
+
+
+def _present(slots: Sequence[Chosen | None]) -> list[Chosen]:
+    return [chosen for chosen in slots if chosen is not None]
+
+
+def _chosen(weights: Array, rng: np.random.Generator) -> Chosen | None:
+    """Return a hypothesis at a scale, or none, as likely as (H T + 1,) weights say."""
+    drawn = int(rng.choice(len(weights), p=weights / weights.sum()))
+    return None if drawn == len(weights) - 1 else Chosen(*divmod(drawn, len(SCALES)))
+
+
+def _drawn_families(
+    part: Dense, slots: Sequence[Chosen | None], common: dict[int, Chosen], count: int, rng: np.random.Generator
+) -> dict[int, Chosen]:
+    """Return which families there are beside a model, each drawn anew; the first `count` hypotheses are none."""
+    for number in range(count, len(part.groups)):
+        others = {other: chosen for other, chosen in common.items() if other != number}
+        odds = part.beside((*_present(slots), *others.values())).odds_at(number)
+        drawn = _chosen(np.exp(np.append(odds, 0.0) - logsumexp(np.append(odds, 0.0))), rng)
+        common = others if drawn is None else others | {number: Chosen(number, drawn.scale)}
+    return common
 
 
 def _drawn(part: Dense, slots: Sequence[Chosen | None], own: Model) -> Drawn:

@@ -6,12 +6,16 @@ a campaign by more than readings scatter, and every further row makes the least 
 the posterior over bootstrap resamples, the bagged posterior, is certain of what resamples agree on (Huggins and Miller
 2023, "Reproducible model selection using bagged posteriors", Bayesian Analysis 18).
 
-How far resamples are to differ follows from what the parts show. Let residuals of two models differ by d. A reading
-with the error e, predicted from other folds with everything chosen and fitted without its own, changes the log evidence
-of one model over the other by d e + d^2 / 2. Sums of that over each of P parts have the scatter v, and where the model
-is true and readings scatter independently they have s. A posterior is as wide as s already, so resamples add v - s: a
-resample has M = P / (1 - s / v) parts, drawn with replacement, which count P / M each. Where v is within what chance
-gives about s, resamples are the campaign itself and the bagged posterior is the posterior.
+A resample has as many parts as there are, drawn with replacement, where parts differ by more than chance allows: of
+names that halves of measured campaigns are sure of, those that the other half has, too, are as many as is stated only
+so. Where they do not it has twice as many, each of which counts half: less is repeated by chance, and nothing shows
+that the model is true. In between the probability of so large a difference by chance decides.
+
+Which parts are drawn follows from what they show. Let residuals of two models differ by d. A reading with the error e,
+predicted from other folds with everything chosen and fitted without its own, changes the log evidence of one model over
+the other by d e + d^2 / 2. Sums of that over each of P parts have the scatter v, and where the model is true and
+readings scatter independently they have s. Those parts are drawn of which v / s is largest, poses where none is larger
+than by chance.
 """
 
 from __future__ import annotations
@@ -20,7 +24,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtri
+from scipy.special import chdtrc, chdtri
 
 from armflex.conventions import Array
 from armflex.estimate.held_out import PARTS, POSE_FOLDS, apart_folds
@@ -64,21 +68,19 @@ def resampled(evidence: Dense, own: Model, parted: Mapping[str, np.ndarray], pos
     noise, here = evidence.beside(own).noise, evidence.left(own)
     apart = [evidence.left(other) - here for other in _others(evidence, own)]
     apart = [one for one in apart if one @ one > 0.0]
-    by, most, drawn = POSES, 1.0, parted[POSES]
+    by, most, drawn, by_chance = POSES, 1.0, parted[POSES], 1.0
     count = len(here) // len(drawn)
     for name, parts in parted.items() if apart and len(set(drawn)) >= POSE_FOLDS else ():
         folds = poses if name == POSES else Folds(evidence, parts % POSE_FOLDS, own)
-        chance = float(chdtri(int(parts.max()), DOUBT)) / int(parts.max())
-        ratio = float(np.median(_mismatches(folds, apart, np.repeat(parts, count), noise))) / chance
-        if ratio > most:
-            by, most, drawn = name, ratio, parts
-    times = np.ones((RESAMPLES, len(drawn)))
-    if most > 1.0:
-        number = int(drawn.max()) + 1
-        size = round(number / (1.0 - 1.0 / most))
-        draws = np.random.default_rng(seed).multinomial(size, np.full(number, 1.0 / number), size=RESAMPLES)
-        times = (draws * number / size)[:, drawn]
-    return Resampled(by, most, np.repeat(times, count, axis=1))
+        freedom = int(parts.max())
+        ratio = float(np.median(_mismatches(folds, apart, np.repeat(parts, count), noise)))
+        if (beyond := ratio * freedom / float(chdtri(freedom, DOUBT))) > most:
+            by, most, drawn = name, beyond, parts
+            by_chance = float(chdtrc(freedom, ratio * freedom)) / DOUBT
+    number = int(drawn.max()) + 1
+    size = round(number * (1.0 + by_chance))
+    draws = np.random.default_rng(seed).multinomial(size, np.full(number, 1.0 / number), size=RESAMPLES)
+    return Resampled(by, most, np.repeat((draws * number / size)[:, drawn], count, axis=1))
 
 
 def parted_by(state: State) -> dict[str, np.ndarray]:

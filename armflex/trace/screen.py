@@ -319,6 +319,15 @@ class Dense(Evidence):
         columns = self.columns[some] * np.sqrt(times[some])[:, None]
         return Dense(self.groups, columns, self.projection.resampled(times), self.priors, self.numbers)
 
+    def extended(self, more: Sequence[Hypothesis], columns: Sequence[Array], projection: Projection) -> Dense:
+        """Return these hypotheses and more, with (n, k) scaled columns of each, beside what another projection has."""
+        every, first, groups = [self.columns, *columns], self.columns.shape[1], list(self.groups)
+        for hypothesis, columns_of in zip(more, columns, strict=True):
+            groups.append(Group(hypothesis, first, np.ones(columns_of.shape[1])))
+            first += columns_of.shape[1]
+        priors = np.concatenate([self.priors, prior_of(groups[len(self.groups) :])])
+        return Dense(groups, np.hstack(every), projection, priors, self.numbers)
+
     def left(self, model: Model) -> Array:
         """Return what a model and all that is fitted anyway leave of the (n,) readings."""
         beside = self.beside(model)

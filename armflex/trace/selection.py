@@ -158,7 +158,7 @@ class ScanBlock:
 
 def prior_of(groups: Iterable[Group]) -> Array:
     """Return the (H, T) log prior probability of hypotheses at each of their scales, all equally likely."""
-    priors = np.array([group.hypothesis.prior for group in groups])
+    priors = np.array([group.hypothesis.prior for group in groups], dtype=float)
     return np.repeat(priors[:, None] - np.log(len(SCALES)), len(SCALES), axis=1)
 
 

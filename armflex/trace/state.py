@@ -28,7 +28,7 @@ from armflex.progress import SILENT, Reporter
 from armflex.rows.rows import POSE, ROW
 from armflex.trace.families import NO_FAMILIES, Background, Sized, kinds_of
 from armflex.trace.hypotheses import Hypothesis
-from armflex.trace.projection import Projection
+from armflex.trace.projection import LEAST_SCATTER, Projection
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,10 +115,6 @@ class State:
         """Return the fitted values of one block."""
         return self.fit.values[self.fit.places(block)]
 
-    def std_of(self, block: EffectBlock) -> dict[str, float]:
-        """Return the standard uncertainties of an effect's values by name."""
-        return block.std(self.values_of(block), self.fit.posterior.std[self.fit.places(block)])
-
     @cached_property
     def fitted(self) -> tuple[Effect, ...]:
         """The added effects with the values that the fit gave them."""
@@ -163,7 +159,7 @@ class State:
 
         What is still missing is in it: they scatter no more than that. Priors are compared with it.
         """
-        return min(self.fit.noise, 1.0)
+        return float(np.clip(self.fit.noise, LEAST_SCATTER, 1.0))
 
     @cached_property
     def bare(self) -> Projection:

@@ -18,7 +18,7 @@ from armflex.laws.effects.context import Context
 from armflex.laws.effects.location import LINK
 from armflex.laws.effects.possible import USUAL_SHIFT, USUAL_TURN
 from armflex.parameters import DOUBT
-from armflex.trace.projection import Projection
+from armflex.trace.projection import LEAST_SCATTER, Projection
 
 RATIOS = np.logspace(-4.0, 8.0, 61)
 """Tolerance: variances tried, in units of what the mean pose could show at all."""
@@ -69,7 +69,8 @@ def localise(fit: Fit, context: Context, projection: Projection, groups: np.ndar
         mean = squares[:, kind].sum() / max(read[:, kind].sum(), 1)
         levels[kind] = np.sqrt(mean / whole) if mean > 0.0 else 1.0
     residual, scale = residual / levels, scale / levels
-    total, count = float((residual**2).sum()), int(groups.max()) + 1
+    total = float((residual**2).sum()) + projection.freedom * LEAST_SCATTER**2
+    count = int(groups.max()) + 1
     found = []
     for site in context.sites:
         jacobian = view.to_twist(site) * scale[:, :, None]

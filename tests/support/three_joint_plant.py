@@ -65,7 +65,7 @@ def write_campaign(path: Path, q: Array, read: Array, **more: Array) -> Path:
     return path
 
 
-def with_play(folder: Path, still: int | None = None, poses: int = POSES, **more: Array) -> Path:
+def with_play(folder: Path, still: int | None = None, poses: int = POSES, noise: float = SIGMA, **more: Array) -> Path:
     """Write a campaign of which the second joint has play, and one joint may never move, and further columns."""
     plant, rng = declared(folder), np.random.default_rng(0)
     q, sides = rng.uniform(-1.0, 1.0, (poses, 3)), rng.choice([-1.0, 1.0], (poses, 3))
@@ -75,7 +75,7 @@ def with_play(folder: Path, still: int | None = None, poses: int = POSES, **more
     def play(state: State, push: Push) -> None:
         push.motion[:, 1] += 0.5 * GAP * state.rows.approach[:, 1, None] * plant.joints[1].drive
 
-    read = seen(plant, q, play, sides) + rng.normal(0.0, SIGMA, (poses, 3))
+    read = seen(plant, q, play, sides) + rng.normal(0.0, noise, (poses, 3))
     approach: dict[str, Array] = {f"approach_J{i + 1}": sides[:, i] for i in range(3)}
     write_campaign(folder / "rows.csv", q, read, **approach, **more)
     return folder

@@ -72,7 +72,7 @@ def further(trace: Trace) -> list[str]:
     if drawn is not None and drawn.mismatch > 1.0:
         said.append(
             f"Held-out {drawn.by} differ {short(drawn.mismatch)} times as much as noise and chance allow: something is "
-            f"left that nothing here describes. Probabilities are averages over {len(drawn.times)} resamples of them."
+            f"left that nothing here describes."
         )
     if rivals:
         titles = joined(list(dict.fromkeys(rival.effect.title for rival in rivals)))

@@ -353,7 +353,7 @@ def refitted(calibration: Calibration, *wanted: tuple[Effect, tuple[int, ...]]) 
 def told(calibration: Calibration, state: State) -> Trace:
     values = [(block, state.values_of(block)) for block in state.effects]
     proof = Proof(0.0, 0.0, None, None, 0.0)
-    found = tuple(Found(b.at(v), state.std_of(b), 0.0, proof, (), i, 1, 1.0) for i, (b, v) in enumerate(values))
+    found = tuple(Found(b.at(v), alone(state).std_of(b), 0.0, proof, (), i, 1, 1.0) for i, (b, v) in enumerate(values))
     setup, certainty = state.fit.setup, certainty_of(state.fit)
     effects = tuple(one.effect for one in found)
     arm = dataclasses.replace(setup.arm, effects=effects, instrument=setup.instrument, certainty=certainty)

@@ -9,7 +9,7 @@ from support.telescope import MOUNT
 
 from armflex import Arm, calibrate, load_arm, predict, read_measurements
 from armflex.errors import ArmFileError, TableError
-from armflex.readings import Direction
+from armflex.readings import Direction, Position
 from armflex.readings.air import Air, bending
 
 ARCSEC = np.pi / 648000.0
@@ -197,3 +197,14 @@ def test_readings_that_want_a_compliance_below_zero_are_said_to(tmp_path: Path) 
         r"compliance tube rz: the readings want (\S+) ± (\S+) times what was declared, the opposite", one.text
     )
     assert wanted is not None and abs(float(wanted[1]) + 1.0) < 3.0 * float(wanted[2]) < 0.5
+
+
+def test_the_length_of_a_unit_vector_is_no_reading() -> None:
+    """It has no error, which would say that nothing else has one either."""
+    points, noise = np.random.default_rng(0).normal(size=(2, 40, 3))
+    units = points / np.linalg.norm(points, axis=1, keepdims=True)
+    sigma = np.full(points.shape, 5e-6)
+    for digits in (9, 12):
+        assert Position(np.round(units, digits), sigma).exact == 40
+    assert Position(points, sigma).exact == Position(units + 5e-6 * noise, sigma).exact == 0
+    assert Position(units[:4], sigma[:4]).exact == 0  # by chance

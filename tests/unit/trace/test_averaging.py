@@ -10,6 +10,7 @@ from armflex import calibrate
 from armflex.conventions import Array
 from armflex.estimate.block import EffectBlock
 from armflex.estimate.held_out import held_out, pose_folds
+from armflex.estimate.pose_block import Walk
 from armflex.estimate.posterior import certainty_of
 from armflex.laws.effects.backlash import BACKLASH
 from armflex.laws.effects.candidate import Candidate
@@ -17,13 +18,14 @@ from armflex.laws.effects.compliance import COMPLIANCE
 from armflex.laws.effects.link_mass import LINK_MASS
 from armflex.laws.effects.location import Location
 from armflex.trace.averaging import Averaged, averaged, beside_calibrated
+from armflex.trace.families import Background
 from armflex.trace.hypotheses import Hypothesis, hypotheses
 from armflex.trace.probabilities import Drawn, bagged
 from armflex.trace.resampling import POSES, Resampled
 from armflex.trace.screen import Dense
 from armflex.trace.search import linear, refitted
 from armflex.trace.selection import SCALES, Chosen, Model
-from armflex.trace.state import State, begin
+from armflex.trace.state import State, begin, with_background
 from armflex.trace.validate import Folds
 
 SOME = 24
@@ -97,7 +99,7 @@ def test_a_rival_that_changes_the_model_is_in_the_arm(fitted: State) -> None:
         EffectBlock(one, (), context, first + i, np.full(1, np.inf)) for i, one in enumerate((compliance, mass))
     )
     values = np.append(fitted.fit.values, [1e-4, 2.5])
-    average = Averaged(fitted, rivals, values, np.zeros((len(values),) * 2))
+    average = Averaged(fitted, rivals, values, np.zeros((len(values),) * 2), np.zeros(len(values)))
     softer = fitted.fit.setup.with_effect(rivals[0].at(values[-2:-1]))
     arms = (average.setup.arm, softer.with_effect(rivals[1].at(values[-1:])).arm, softer.arm)
     came = dict.fromkeys(context.row.covariates, 1.0)
@@ -163,3 +165,17 @@ def test_what_held_out_poses_contradict_is_predicted_less(fitted: State, prior: 
         calibrated[: len(fitted.first.values)] = fitted.calibrated.values
         np.testing.assert_allclose(found.values, calibrated + found.share * (average.values - calibrated), atol=1e-12)
         assert found.share < 0.5
+
+
+def test_a_rival_stands_behind_what_wandered(fitted: State) -> None:
+    """A walk is an effect of the arm while it is fitted: what a rival does is not read off that."""
+    waves = np.random.default_rng(0).normal(size=(len(fitted.measurements), 3))
+    walk = Walk("base", "dx", np.full(3, 1e-3), waves)
+    state = with_background(
+        fitted, Background(("wandering",), walks=(walk,), of=("wandering",), amplitudes=np.zeros(3))
+    )
+    evidence, own = problem(state, np.log(0.5))
+    average = averaged(state, evidence, own, bagged(evidence, own, np.ones((4, evidence.columns.shape[0]))).drawn)
+    acting = average.setup.arm.effects
+    assert average.rivals
+    assert [acting[block.ordinal].name for block in average.rivals] == [block.effect.name for block in average.rivals]

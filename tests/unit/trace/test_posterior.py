@@ -12,7 +12,7 @@ from support.linear_problems import of_readings, problem
 from armflex.laws.effects.candidate import Candidate
 from armflex.laws.effects.gravity_tilt import GRAVITY_TILT
 from armflex.laws.effects.location import Location
-from armflex.trace.hypotheses import Hypothesis
+from armflex.trace.hypotheses import Hypothesis, of_family
 from armflex.trace.probabilities import bagged
 from armflex.trace.screen import Dense
 from armflex.trace.selection import SCALES, Chosen, Group, climbed, prior_of, rivals, without
@@ -142,6 +142,20 @@ def test_stated_probabilities_are_right_as_often_as_they_say() -> None:
     assert sure.sum() > 40 and right_[sure].mean() > 0.9
     assert right_[~sure].mean() == pytest.approx(stated_[~sure].mean(), abs=0.12)
     assert log_score(np.column_stack([stated_, right_])) > GOLDEN_LOG_SCORE - 0.005
+
+
+@pytest.mark.parametrize(("true", "stays"), [("the name", True), ("the family", False)])
+def test_a_name_must_beat_the_family_that_does_what_it_does(true: str, stays: bool) -> None:
+    rng = np.random.default_rng(4)
+    columns = rng.normal(size=(ROWS, 4))
+    name = columns.sum(axis=1, keepdims=True) / 2.0 + 0.5 * rng.normal(size=(ROWS, 1))
+    readings = 0.9 * (2.0 * name[:, 0] if stays else columns.sum(axis=1)) + 0.3 * rng.normal(size=ROWS)
+    evidence, own = problem(name, readings), (Chosen(0, 2),)
+    family = of_family("family", 10)
+    whole = evidence.extended([family], [columns], evidence.projection)
+    (alone, _), (beside, _) = (bagged(evidence, own, ONCE, families=some).credible for some in (None, (whole, own)))
+    assert alone.probability > 0.9
+    assert (beside.probability > 0.9) == stays and (beside.nothing > 0.9) != stays
 
 
 def test_a_law_about_one_axis_and_about_all_at_a_place_is_one_name() -> None:

@@ -20,6 +20,7 @@ from armflex.estimate.held_out import held_out, pose_folds
 from armflex.measured.measurements import Measurements
 from armflex.progress import Doing
 from armflex.trace.account import conclude
+from armflex.trace.averaging import alone
 from armflex.trace.findings import Trace
 from armflex.trace.screen import ALMOST
 from armflex.trace.search import Standing, refitted, standing
@@ -67,9 +68,9 @@ def test_a_search_that_some_poses_lead_ends_where_one_of_all_does(
     monkeypatch.setattr(sys.modules["armflex.trace.search"], "ROWS_AT_ONCE", poses)
     led = trace(load_arm(whole.truth.arm), whole.rows, whole.used, report=said.append)
     assert any(one.startswith(f"beginning with {poses // 2} of {poses} ") for one in said)
-    (effect,), (other,) = led.arm.effects, whole.finished.arm.effects
-    assert effect.title == other.title and effect.seen == other.seen
-    assert effect.values == pytest.approx(other.values, rel=1e-2)
+    (found,), (other,) = led.found, whole.finished.found
+    assert found.effect.title == other.effect.title and found.effect.seen == other.effect.seen
+    assert found.effect.values == pytest.approx(other.effect.values, rel=1e-2)
     assert led.held_out == pytest.approx(whole.finished.held_out, rel=1e-3)
     assert np.array_equal(led.rows, whole.finished.rows)
 
@@ -163,7 +164,7 @@ def test_an_effect_that_is_not_distinguished_from_zero_is_no_finding(empty: Stan
     assert state is not None
     believed = standing(state, empty)
     (effect,), (block,) = believed.state.fitted, believed.state.effects
-    assert abs(effect.acting[0]) < 2.0 * next(iter(believed.state.std_of(block).values()))
+    assert abs(effect.acting[0]) < 2.0 * next(iter(alone(believed.state).std_of(block).values()))
     assert conclude(believed, empty.places).found == ()
 
 

@@ -31,7 +31,7 @@ CONTRACT = {
 
 @pytest.fixture(scope="module")
 def truth(tmp_path_factory: pytest.TempPathFactory) -> Truth:
-    return draw("backlash", 1, "six").write(tmp_path_factory.mktemp("field"), every=3)
+    return draw("backlash", 1, "six").write(tmp_path_factory.mktemp("field"))
 
 
 def exported(truth: Truth, folder: Path) -> tuple[Path, Path]:

@@ -154,6 +154,17 @@ def test_a_joint_that_never_moves_is_no_column_of_a_shape(tmp_path: Path) -> Non
     assert places and list(sought(WAVE, places, state.context))
 
 
+def test_rows_without_noise_are_traced_like_others(tmp_path: Path) -> None:
+    """As a simulator writes them: however exact, they show the play and nothing beside it."""
+    folder = with_play(tmp_path, noise=0.0)
+    arm = load_arm(folder / "arm.toml")
+    account = trace(arm, read_measurements(folder / "rows.csv", arm))
+    (play,) = account.found
+    assert (play.effect.law.name, play.effect.location.site) == ("backlash", "J2")
+    assert abs(play.effect.named["gap"]) == pytest.approx(GAP, rel=1e-3)
+    assert account.unexplained is None
+
+
 def test_a_random_twist_that_is_set_aside_leaves_an_account(folder: Path, traced: Trace, tmp_path: Path) -> None:
     """Of an arm that was traced before: how certain its effects are is asked at the arm with the twist in it."""
     arm = load_arm(traced.write(tmp_path / "first.toml"))
