@@ -38,6 +38,7 @@ from armflex.mechanics.many_rows import (
     responded,
     rotations,
     tips_of,
+    within,
 )
 from armflex.mechanics.mechanism import Linear, Mechanism, Rest
 from armflex.mechanics.pinocchio_model import LoadCase
@@ -822,8 +823,8 @@ def check_positions(arm: Structure, q: Array, enforce_limits: bool) -> Array:
     """Return a copy of (N, nq) positions; raise as `Arm.check_position` does, naming the first row that is wrong."""
     lower, upper = np.maximum(arm.robot.lower, -LARGEST_POSITION), np.minimum(arm.robot.upper, LARGEST_POSITION)
     fits = q.shape[1] == len(lower)
-    inside = (q >= lower) & (q <= upper) if fits else np.zeros((len(q), 1), dtype=bool)
-    for i in () if inside.all() else np.flatnonzero(~inside.all(axis=1)):
+    inside = within(q, lower, upper) if fits else np.zeros(len(q), dtype=bool)
+    for i in np.flatnonzero(~inside):
         with naming(f"row {i}"):
             arm.check_position(q[i], enforce_limits)
     if not fits and not len(q):

@@ -23,7 +23,7 @@ from armflex.laws import Row
 from armflex.laws.effects.context import MASS
 from armflex.mechanics.certificate import SHARE, StabilityBound
 from armflex.mechanics.chain import Frames
-from armflex.mechanics.engine.binding import NO_LINKS, NO_WRENCHES, Engine, OneRow, parts_of
+from armflex.mechanics.engine.binding import NO_LINKS, NO_WRENCHES, Engine, OneRow
 from armflex.mechanics.engine.tables import NO_CHANGES, Laws, Tree
 from armflex.mechanics.laws import LawStack, RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
@@ -389,8 +389,7 @@ class RowSolver:
 
     def within_limits(self, q: Array) -> np.ndarray:
         """Return (N,) at which (N, nq) positions the bound holds."""
-        inside = (q >= self._lower) & (q <= self._upper)
-        return np.ones(len(q), dtype=bool) if inside.all() else np.all(inside, axis=1)
+        return within(q, self._lower, self._upper)
 
     def linearise(self, row: Row, laws: RowLaws, found: Solution, some: np.ndarray) -> tuple[Array, Array]:
         """Return how the tip responds to changes of the laws in some rows, and how far its tangents are from rigid.
@@ -438,6 +437,7 @@ class OneChain:
 
     def _push(self) -> None:
         self._settled, self._proven = not self._pushes.posed, self._stays_by_bound(None)
+        self._certain = self._solve if self._settled and self._proven and not self._moved else None
         if self._settled and self._solve is not None:
             self._solve.set_loads(self._pushes.links, self._pushes.same)
 
@@ -458,10 +458,10 @@ class OneChain:
         """
         if self._solve is None or not self._settled:
             return self._in_rounds(q, covariates, motion)
-        found = self._solve(q, motion) if self._know(covariates) else None
+        found = self._solve.whole(q, motion) if self._know(covariates) else None
         if found is None:
             return None
-        displacement, twists, loads = parts_of(found, len(q))
+        displacement, twists, loads = found
         if motion is not None:
             proven = self._stays_by_bound(motion)
         else:
@@ -472,9 +472,9 @@ class OneChain:
 
     def sure(self, q: Array, covariates: Mapping[str, Array]) -> Array | None:
         """Return the numbers of `OneRow` where a bound proves that it stays, None where more is asked."""
-        if self._solve is None or self._moved or not (self._settled and self._proven and self._know(covariates)):
+        if self._certain is None or (self._names and not self._know(covariates)):
             return None
-        return self._solve(q)
+        return self._certain(q)
 
     def _know(self, covariates: Mapping[str, Array]) -> bool:
         for place, name in enumerate(self._names, 1):
@@ -517,6 +517,12 @@ def _from_nominal(loaded: LoadedArm) -> Callable[[Array, Array], None]:
         displacement[3:] = pin.log3(pin.exp3(displacement[3:]).dot(turn).dot(back))
 
     return moved
+
+
+def within(q: Array, lower: Array, upper: Array) -> np.ndarray:
+    """Return (N,) which (N, nq) positions are not beyond (nq,) limits, joint by joint: that is quicker than by row."""
+    by_joint = np.ascontiguousarray(q.T)
+    return ((by_joint >= lower[:, None]) & (by_joint <= upper[:, None])).all(axis=0)
 
 
 def by_payload(
