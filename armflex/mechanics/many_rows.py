@@ -411,6 +411,10 @@ class OneChain:
     """One thread's engine of a chain, asked about one configuration at a time.
 
     Laws of terms under loads that are dead or follow their links are one call; others are a row of `RowSolver`'s.
+
+    Attributes:
+        quick: `OneRow.quick` where a bound proves that it stays, None where more is asked.
+        names: Of covariates that it must know.
     """
 
     def __init__(self, loaded: LoadedArm) -> None:
@@ -419,10 +423,10 @@ class OneChain:
         self._solver: RowSolver | None = None
         places = {f"q_{name}": place for name, place in arm.joint_index.items()}
         factors = arm.stack.factors(places | {MASS: columns})
-        self._names, self._known = (), np.array([loaded.payload.mass])
+        self.names, self._known = (), np.array([loaded.payload.mass])
         self._solve: OneRow | None = None
         if factors is not None:
-            self._names, self._known = factors.names, np.append(self._known, np.zeros(len(factors.names)))
+            self.names, self._known = factors.names, np.append(self._known, np.zeros(len(factors.names)))
             self._solve = OneRow(loaded.chain, arm.stack.numbers, np.array(arm.bounds), factors, self._known)
         self._moved = loaded.nominal and _from_nominal(loaded)
         self._push()
@@ -437,7 +441,8 @@ class OneChain:
 
     def _push(self) -> None:
         self._settled, self._proven = not self._pushes.posed, self._stays_by_bound(None)
-        self._certain = self._solve if self._settled and self._proven and not self._moved else None
+        certain = self._settled and self._proven and not self._moved
+        self.quick = self._solve.quick if certain and self._solve is not None else None
         if self._settled and self._solve is not None:
             self._solve.set_loads(self._pushes.links, self._pushes.same)
 
@@ -458,7 +463,7 @@ class OneChain:
         """
         if self._solve is None or not self._settled:
             return self._in_rounds(q, covariates, motion)
-        found = self._solve.whole(q, motion) if self._know(covariates) else None
+        found = self._solve(q, motion) if self.knows(covariates) else None
         if found is None:
             return None
         displacement, twists, loads = found
@@ -470,14 +475,9 @@ class OneChain:
             self._moved(q, displacement)
         return Rest(displacement, twists, loads, proven)
 
-    def sure(self, q: Array, covariates: Mapping[str, Array]) -> Array | None:
-        """Return the numbers of `OneRow` where a bound proves that it stays, None where more is asked."""
-        if self._certain is None or (self._names and not self._know(covariates)):
-            return None
-        return self._certain(q)
-
-    def _know(self, covariates: Mapping[str, Array]) -> bool:
-        for place, name in enumerate(self._names, 1):
+    def knows(self, covariates: Mapping[str, Array]) -> bool:
+        """Take covariates over; return whether all are given."""
+        for place, name in enumerate(self.names, 1):
             if name not in covariates:
                 return False  # the reference says which effect asks for it
             self._known[place] = covariates[name]

@@ -278,7 +278,13 @@ class Engine:
 
 
 class OneRow:
-    """The engine with one chain in a control loop: positions in, where it rests out, in memory of its own."""
+    """The engine with one chain in a control loop: positions in, where it rests out, in memory of its own.
+
+    Attributes:
+        quick: The call, its first argument, and what copies what it filled: displacement (6), twists (6 n), and no
+            loads. The second argument is the bytes of (d,) positions that were looked at. It returns 0 where there is
+            no fixed point.
+    """
 
     def __init__(self, tree: Tree, laws: Laws, bounds: Array, factors: Factors | None, known: Array) -> None:
         engine, n = Engine(tree), len(tree.flexures)
@@ -307,20 +313,12 @@ class OneRow:
         engine, self._held = self._engine, self._engine._work()
         displacement, twists, loads = addresses(parts_of(self._memory))
         room = address(self._held)
-        self._quick = OneStruct(engine._arm, displacement, twists, None, room)
+        self._short = OneStruct(engine._arm, displacement, twists, None, room)
         self._whole = OneStruct(engine._arm, displacement, twists, loads, room)
-        self._where, self._whole_where = addressof(self._quick), addressof(self._whole)
+        self.quick = self._ask, addressof(self._short), self._memory.copy
         engine._library.engine_ready(engine._arm, room)
 
-    def __call__(self, q: Array) -> Array | None:
-        """Return what `parts_of` divides, without the loads, None where there is no fixed point.
-
-        Args:
-            q: (d,) positions, which the caller has looked at.
-        """
-        return self._memory.copy() if self._ask(self._where, q.tobytes()) else None
-
-    def whole(self, q: Array, motion: Array | None = None) -> tuple[Array, Array, Array] | None:
+    def __call__(self, q: Array, motion: Array | None = None) -> tuple[Array, Array, Array] | None:
         """Return displacement, twists and loads at (d,) positions, None where there is no fixed point.
 
         Args:
@@ -334,7 +332,7 @@ class OneRow:
             self._point()
         if motion is not None:
             self._motion[0] = motion
-        return parts_of(self._memory.copy()) if self._ask(self._whole_where, q.tobytes()) else None
+        return parts_of(self._memory.copy()) if self._ask(addressof(self._whole), q.tobytes()) else None
 
 
 def parts_of(found: Array) -> tuple[Array, Array, Array]:

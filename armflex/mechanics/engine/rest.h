@@ -747,8 +747,10 @@ static real T(weigh)(const arm *a, T(state) *s, int flexed, int goes, const real
 #endif /* CONTROLLER */
     T(push)(a, s, flexed);
     for (whole step = 0; step < n; step++) {
-        T(flexure) *f = s->f + order[step];
-        double mass = a->elements[20 * order[step] + 19];
+        whole k = order[step];
+        T(flexure) *f = s->f + k;
+        const double *law = a->compliance + 36 * k, *offset = a->offset + 6 * k;
+        double mass = a->elements[20 * k + 19];
         real moment[3], load[6];
         if (flexed) {
             T(lean)(f, -1.0, pull);
@@ -764,7 +766,7 @@ static real T(weigh)(const arm *a, T(state) *s, int flexed, int goes, const real
         if (goes && f->apart) {
             real twist[6];
             for (int b = 0; b < 6; b++) {
-                twist[b] = a->offset[6 * order[step] + b] + a->compliance[36 * order[step] + 7 * b] * load[b];
+                twist[b] = offset[b] + law[7 * b] * load[b];
             }
             size += T(go)(f, twist, !flexed, left);
         } else {
