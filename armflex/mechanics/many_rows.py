@@ -522,7 +522,7 @@ def _from_nominal(loaded: LoadedArm) -> Callable[[Array, Array], None]:
 def within(q: Array, lower: Array, upper: Array) -> np.ndarray:
     """Return (N,) which (N, nq) positions are not beyond (nq,) limits, joint by joint: that is quicker than by row."""
     by_joint = np.ascontiguousarray(q.T)
-    return ((by_joint >= lower[:, None]) & (by_joint <= upper[:, None])).all(axis=0)
+    return np.all((by_joint >= lower[:, None]) & (by_joint <= upper[:, None]), axis=0)
 
 
 def by_payload(

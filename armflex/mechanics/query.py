@@ -59,7 +59,9 @@ class Prepared:
         Raises:
             As `Arm.deflection`; the last answer is then still that of the call before.
         """
-        given = {name: covariate_array(value, name, 0) for name, value in covariates.items()} if covariates else NOTHING
+        given = NOTHING
+        if covariates:
+            given = {name: covariate_array(value, name, 0) for name, value in covariates.items()}
         if self._remembers:
             q, _ = self._loaded.arm.check_position(q, self._enforced)
             case = LoadCase(q, wrenches=self._wrenches, covariates=given)

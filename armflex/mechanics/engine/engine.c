@@ -162,7 +162,7 @@ BOUNDED(bounded_one, double, whole, rint, least_one, copysign, power_one)
  * magnet, whose pull falls with the square of the distance but for a reach. */
 static void pull_at(const double *pull, const double *at, double *force)
 {
-    double way[3], distance, size;
+    double way[3] = {0.0}, distance, size;
     for (int i = 0; i < 3; i++) {
         way[i] = pull[1 + i] - at[i];
     }

@@ -219,7 +219,7 @@ static void T(place)(const arm *a, T(state) *s, whole rows, const double *q, who
             T(copy)(s->f[own].origin, tip, 3);
             T(copy)(s->f[own].turn, turn, 9);
         } else if (kind != RIGID) {
-            real value;
+            real value = T(all)(0.0);
             for (int c = 0; c < LANES; c++) {
                 whole r = (first + c < rows) ? first + c : rows - 1;
                 AT(value, c) = q[r * a->driven + own];
@@ -245,7 +245,7 @@ static void T(place)(const arm *a, T(state) *s, whole rows, const double *q, who
 #endif /* CONTROLLER */
         for (whole j = 0; j < a->pushes; j++) {
             if (a->links[3 * j] == k) {
-                real *point = s->points + 3 * j, *push = s->pushes + 6 * j, own_axes[6];
+                real *point = s->points + 3 * j, *push = s->pushes + 6 * j, own_axes[6] = {T(all)(0.0)};
                 T(copy)(point, tip, 3);
                 T(shift)(point, turn, a->wrenches + 9 * j, 1.0);
                 for (int i = 0; i < 6; i++) {
@@ -401,9 +401,8 @@ static void T(push)(const arm *a, T(state) *s, int flexed)
     for (whole j = 0; j < a->pushes; j++) {
         whole outmost = a->links[3 * j + 1] - 1;
         int follows = a->links[3 * j + 2] != 0, pulled = (a->pulls != NULL) && (a->pulls[6 * j] > 0.0);
-        real wrench[6], here[3];
+        real wrench[6] = {T(all)(0.0)}, here[3] = {s->points[3 * j], s->points[3 * j + 1], s->points[3 * j + 2]};
         T(copy)(wrench, s->pushes + 6 * j, 6);
-        T(copy)(here, s->points + 3 * j, 3);
         for (whole step = outmost; step >= 0; step--) {
             T(flexure) *f = s->f + order[step];
             for (int i = 0; i < 3; i++) {
@@ -846,7 +845,7 @@ static inline real T(go_on)(T(state) *s, whole n, int begin, const real *left)
 static void T(solve)(const arm *a, T(state) *s, int exact, unsigned char *fine)
 {
     whole n = a->flexures;
-    real size, before, left;
+    real size, before, left = T(all)(1.0);
     int moving = 0, held = 0, drawn[LANES] = {0};
     size = T(weigh)(a, s, 0, 1, NULL);
     T(deform)(a, s, 0);
