@@ -673,8 +673,7 @@ class DeflectionBatch(_Result[Array]):
         arm, found = self.arm, []
         for loaded, rows in by_payload(arm, self.payloads, len(self.q)):
             found += [(int(rows[0]), flag) for flag in self._flags_of(loaded)] if len(rows) else []
-        outside = ((self.q < arm.robot.lower) | (self.q > arm.robot.upper)).any(axis=1)
-        for i in np.flatnonzero(outside):
+        for i in np.flatnonzero(~within(self.q, arm.robot.lower, arm.robot.upper)):
             found += [(int(i), flag) for flag in arm.check_position(self.q[i], enforce_limits=False)[1]]
         for i in [int(np.argmin(self.found_factors))] if len(self.q) else ():
             found += [(i, flag) for flag in near_buckling(float(self.found_factors[i]))]

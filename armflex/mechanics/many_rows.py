@@ -278,8 +278,8 @@ class ManyRows:
         loaded, linkage = self.loaded, self.loaded.arm.robot.linkage
         links, behind = loaded.link_frames, len(linkage.closures) + len(linkage.pins)
         at = None if end is None else links.some([links.names.index(end)])
-        frames = {"sites": loaded.sites, "bodies": links, "behind": behind, "into": into}
-        return self._responded(what, q, twists, at, **frames)
+        frames = {"sites": loaded.sites, "bodies": links, "end": at, "behind": behind, "into": into}
+        return responded(self.tree, what, q, twists, **frames, **self._acting)
 
     def by_gravity(self, end: str | None, q: Array, twists: Array) -> Array:
         """Return the (M, 6, 3) motion of an end per change of gravity, which acts on the centres of all masses."""
@@ -287,25 +287,27 @@ class ManyRows:
         at = None if end is None else links.some([links.names.index(end)])
         turns, places = np.tile(np.eye(3).ravel(), (len(elements), 1)), np.arange(len(elements))
         centres = Frames((), np.array([places, places]), np.concatenate([turns, elements[:, 16:19]], axis=1))
-        found = self._responded(("motions",), q, twists, at, bodies=centres)["motions"]
+        found = responded(self.tree, ("motions",), q, twists, bodies=centres, end=at, **self._acting)["motions"]
         return np.einsum("nfba,f->nba", found[..., :3], elements[:, 15])
 
-    def _responded(
-        self, what: Collection[str], q: Array, twists: Array, end: Frames | None, **frames: Any
-    ) -> dict[str, Array]:
-        given = {"laws": self.laws, "pushed": self.pushed, "state": self.state, "end": end}
-        return responded(self.tree, what, q, twists, **given, **frames)
+    @property
+    def _acting(self) -> dict[str, Any]:
+        return {"laws": self.laws, "pushed": self.pushed, "state": self.state}
 
 
 class RowSolver:
-    """Solves one arm with one payload under its weight and some loads, in rows of some thousand at a time."""
+    """Solves one arm with one payload under its weight and some loads, in rows of some thousand at a time.
+
+    Attributes:
+        limits: (2, nq) positions between which the bound holds.
+    """
 
     def __init__(self, loaded: LoadedArm, wrenches: Sequence[Wrench] = ()) -> None:
         if not loaded.arm.chain:
             raise UnsupportedError("the fixed point knows no springs and no loops: see `loop_rows`")
         self._loaded, self._chain, self._nominal = loaded, loaded.chain, loaded.nominal
         self.pushes, self._wrenches = Pushes(loaded, wrenches), wrenches
-        self._lower, self._upper = map(np.array, loaded.arm.bounds)
+        self.limits = np.array(loaded.arm.bounds)
 
     def needs_wrenches(self, laws: RowLaws) -> bool:
         """Return whether loads must be known to solve the rows, or to prove that the arm stays."""
@@ -377,7 +379,7 @@ class RowSolver:
         """
         proven = np.zeros(len(row.q), dtype=bool)
         if bound is not None:
-            proven = fine & self.within_limits(row.q)
+            proven = fine & within(row.q, *self.limits)
             if not bound.proven:
                 proven &= bound.stays(found.wrenches.reshape(len(proven), -1), laws.tangent)
         rest = np.flatnonzero(fine & ~proven)
@@ -386,10 +388,6 @@ class RowSolver:
                 laws.expand(np.where(fine[:, None, None], found.wrenches, 0.0))
             proven[rest] = self.linearise(row, laws, found, rest)[1] <= SHARE
         return proven
-
-    def within_limits(self, q: Array) -> np.ndarray:
-        """Return (N,) at which (N, nq) positions the bound holds."""
-        return within(q, self._lower, self._upper)
 
     def linearise(self, row: Row, laws: RowLaws, found: Solution, some: np.ndarray) -> tuple[Array, Array]:
         """Return how the tip responds to changes of the laws in some rows, and how far its tangents are from rigid.

@@ -32,6 +32,7 @@ from armflex.mechanics.many_rows import (
     RowSolver,
     Solution,
     by_payload,
+    within,
 )
 from armflex.mechanics.mechanism import Rest
 from armflex.mechanics.pinocchio_model import LoadCase
@@ -283,7 +284,7 @@ def _solved(
     solver, laws = RowSolver(loaded, case.wrenches), RowLaws(arm.stack, row)
     found = Solution.empty(len(q), n)
     left = np.flatnonzero(~solver.solve(row, laws, found))
-    judged = solver.within_limits(q) & bool(solver.bound and solver.bound.proven)
+    judged = within(q, *solver.limits) & bool(solver.bound and solver.bound.proven)
     while True:  # what is not proven here is the reference's, which judges it itself
         _rest(loaded, case, left, found, allow_large)
         judged[left] = True

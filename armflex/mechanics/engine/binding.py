@@ -45,7 +45,7 @@ _CALLS: dict[str, tuple[type | None, list[type]]] = {
     "engine_rest_room": (_WHOLE, [_POINTER, _WHOLE]),
     "engine_ready": (None, [_POINTER] * 2),
     "engine_one": (c_int, [_POINTER] * 2),
-    "engine_chain": (_WHOLE, [_POINTER, _WHOLE, _POINTER, _WHOLE, _WHOLE, *[_POINTER] * 5]),
+    "engine_chain": (_WHOLE, [_POINTER, _WHOLE, _POINTER, _WHOLE, *[_POINTER] * 5]),
     "engine_rest": (_WHOLE, [_POINTER, _WHOLE, _POINTER, _WHOLE, _WHOLE, *[_POINTER] * 4]),
     "engine_respond": (None, [_POINTER, _WHOLE, *[_POINTER] * 7]),
     "engine_tips": (None, [_POINTER, _WHOLE, *[_POINTER] * 3]),
@@ -144,7 +144,7 @@ class Engine:
         if loads is not None:
             checked(loads, "loads", REAL, rows, n, 6)
         given = addresses((displacement, loads, twists, fine, self._work()))
-        self._library.engine_chain(self._arm, rows, address(q), exact, 1, *given)
+        self._library.engine_chain(self._arm, rows, address(q), exact, *given)
 
     def rest(self, q: Array, settled: bool, first: int, free: Array, idle: Array, into: Sequence[np.ndarray]) -> int:
         """Fill where a mechanism rests in rows from `first` on, each closed from where the one before it was.

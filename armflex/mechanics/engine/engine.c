@@ -2389,16 +2389,14 @@ void engine_tips(const arm *a, whole rows, const double *q, double *poses, doubl
     whole_again(a, lent);
 }
 
-whole engine_chain(const arm *a, whole rows, const double *q, whole exact, whole lanes_, double *displacement,
-                   double *loads, double *twists, unsigned char *fine, double *room)
+whole engine_chain(const arm *a, whole rows, const double *q, whole exact, double *displacement, double *loads,
+                   double *twists, unsigned char *fine, double *room)
 {
 #if defined(PACKED)
-    if (lanes_ != 0) {
-        return chain_many(a, 0, rows, q, (int)exact, displacement, loads, twists, fine, room);
-    }
-#endif
-    (void)lanes_;
+    return chain_many(a, 0, rows, q, (int)exact, displacement, loads, twists, fine, room);
+#else
     return chain_one(a, 0, rows, q, (int)exact, displacement, loads, twists, fine, room);
+#endif
 }
 
 whole engine_size(void)

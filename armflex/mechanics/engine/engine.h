@@ -92,7 +92,7 @@ whole engine_rest_room(const arm *a, whole rank); /* of all but chains, by the c
 int engine_level(void);  /* 1 where the processor has what x86-64-v3 asks for, 2 where v4 */
 void engine_ready(const arm *a, double *room);             /* before rows are asked one by one, in the same room */
 int engine_one(const asked_one *o, const double *q);
-whole engine_chain(const arm *a, whole rows, const double *q, whole exact, whole lanes, double *displacement,
+whole engine_chain(const arm *a, whole rows, const double *q, whole exact, double *displacement,
                    double *loads, double *twists, unsigned char *fine, double *room);
 void engine_tips(const arm *a, whole rows, const double *q, double *poses, double *room);
 #endif
