@@ -297,8 +297,9 @@ def _solved(
         left = np.flatnonzero(~(judged | (distance < 1.0)))
         if not len(left):
             break
-    small = (np.linalg.norm(found.twists[:, :, 3:], axis=2) <= MAX_ROTATION).all(axis=1)
-    for i in () if allow_large else np.flatnonzero(~small):
+    turns = found.twists[:, :, 3:]
+    large = ~(np.einsum("nia,nia->ni", turns, turns) <= MAX_ROTATION**2)
+    for i in () if allow_large else np.flatnonzero(large.any(axis=1)):
         check_small(found.twists[i].ravel(), arm.stack.names)
     return part, found
 

@@ -28,8 +28,8 @@ LEVELS = ("baseline", "v3", "v4")
 """Of x86-64, by what `engine_level` returns; others have the first."""
 
 FLAGS = ("-std=gnu99", "-O3", "-fno-tree-slp-vectorize", "-shared", "-Wno-psabi", "-fno-strict-aliasing")
-"""Not -ffast-math: in a shared library gcc's turns denormals off for the whole process. Packs are written where they pay: of
-straight code gcc makes some that cost a sixth of a response's time."""
+"""Not -ffast-math: in a shared library gcc's turns denormals off for the whole process. Packs are written where they
+pay: of straight code gcc makes some that cost a sixth of a response's time."""
 
 WANTED = "armflex compiles its engine, and needs a C compiler: install gcc or clang, or `pip install ziglang`"
 
