@@ -74,6 +74,7 @@ static void describe(chain *m, const double *q, int payload)
     a->windows = windows;
     m->s = divide_one(a, m->room);
     for (int k = 0; k < FLEXURES; k++) {
+        m->s.f[k].apart = 0;
         for (int b = 0; b < 6; b++) {
             m->s.f[k].twist[b] = 0.0;
         }
@@ -98,7 +99,7 @@ static void set_twists(chain *m, twists twist)
 static double step_of(chain *m)
 {
     double square = 0.0;
-    weigh_one(&m->table, &m->s, 1);
+    (void)weigh_one(&m->table, &m->s, 1, 0, NULL);
     deform_one(&m->table, &m->s, 0);
     for (int k = 0; k < FLEXURES; k++) {
         for (int b = 0; b < 6; b++) {
@@ -140,20 +141,20 @@ static double dot6(const double *a, const double *b)
 static void loads_by_twist(chain *m)
 {
     twists load;
-    weigh_one(&m->table, &m->s, 1);
+    (void)weigh_one(&m->table, &m->s, 1, 0, NULL);
     for (int k = 0; k < FLEXURES; k++) {
         memcpy(load[k], m->s.f[k].load, sizeof load[k]);
     }
     for (int j = 0; j < COORDINATES; j++) {
         double *twist = &m->s.f[j / 6].twist[j % 6], kept = *twist;
         *twist = kept + TWISTED_BY;
-        weigh_one(&m->table, &m->s, 1);
+        (void)weigh_one(&m->table, &m->s, 1, 0, NULL);
         *twist = kept;
         for (int i = 0; i < COORDINATES; i++) {
             m->matrix[i][j] = (m->s.f[i / 6].load[i % 6] - load[i / 6][i % 6]) / TWISTED_BY;
         }
     }
-    weigh_one(&m->table, &m->s, 1);
+    (void)weigh_one(&m->table, &m->s, 1, 0, NULL);
 }
 
 /* Write the change of every flexure's twist per change of its load: the tangents of the laws. */

@@ -143,7 +143,8 @@ class StabilityBound:
                 return None
             (force, moment), per_load = load.sizes, self.per_load(load.frame, load.follows)
             change = change + (force * per_load[0] + moment * per_load[1])
-        return replace(self, change=change) if math.isfinite(change.sum()) else None
+        found = replace(self, change=change) if loads else self
+        return found if math.isfinite(change.sum()) else None
 
     def stays(self, wrenches: Array, tangent: Callable[[Law, Array], Array]) -> bool | np.ndarray:
         """Return (...) whether it is proven that the arm stays under (..., 6 n) loads on its flexures.

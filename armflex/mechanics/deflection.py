@@ -38,6 +38,7 @@ from armflex.mechanics.many_rows import (
     responded,
     rotations,
     tips_of,
+    within,
 )
 from armflex.mechanics.mechanism import Linear, Mechanism, Rest
 from armflex.mechanics.pinocchio_model import LoadCase
@@ -672,8 +673,7 @@ class DeflectionBatch(_Result[Array]):
         arm, found = self.arm, []
         for loaded, rows in by_payload(arm, self.payloads, len(self.q)):
             found += [(int(rows[0]), flag) for flag in self._flags_of(loaded)] if len(rows) else []
-        outside = ((self.q < arm.robot.lower) | (self.q > arm.robot.upper)).any(axis=1)
-        for i in np.flatnonzero(outside):
+        for i in np.flatnonzero(~within(self.q, arm.robot.lower, arm.robot.upper)):
             found += [(int(i), flag) for flag in arm.check_position(self.q[i], enforce_limits=False)[1]]
         for i in [int(np.argmin(self.found_factors))] if len(self.q) else ():
             found += [(i, flag) for flag in near_buckling(float(self.found_factors[i]))]
@@ -822,8 +822,8 @@ def check_positions(arm: Structure, q: Array, enforce_limits: bool) -> Array:
     """Return a copy of (N, nq) positions; raise as `Arm.check_position` does, naming the first row that is wrong."""
     lower, upper = np.maximum(arm.robot.lower, -LARGEST_POSITION), np.minimum(arm.robot.upper, LARGEST_POSITION)
     fits = q.shape[1] == len(lower)
-    inside = (q >= lower) & (q <= upper) if fits else np.zeros((len(q), 1), dtype=bool)
-    for i in () if inside.all() else np.flatnonzero(~inside.all(axis=1)):
+    inside = within(q, lower, upper) if fits else np.zeros(len(q), dtype=bool)
+    for i in np.flatnonzero(~inside):
         with naming(f"row {i}"):
             arm.check_position(q[i], enforce_limits)
     if not fits and not len(q):

@@ -370,11 +370,6 @@ class LoadedArm:
         return frames_of([link_frame(flex.model, flex.frame(link)) for link in flex.links])
 
     @cached_property
-    def tip_frame(self) -> Frames:
-        """The tip, in `sited_chain`."""
-        return frames_of([link_frame(self.with_tool.model, self.with_tool.tip)])
-
-    @cached_property
     def flexure_frames(self) -> Frames:
         """The frames that the flexures move, in their order, and the tip last, in `chain`."""
         chain = self.chain

@@ -23,7 +23,7 @@ from armflex.laws import Row
 from armflex.laws.effects.context import MASS
 from armflex.mechanics.certificate import SHARE, StabilityBound
 from armflex.mechanics.chain import Frames
-from armflex.mechanics.engine.binding import NO_LINKS, NO_WRENCHES, Engine, OneRow, parts_of
+from armflex.mechanics.engine.binding import NO_LINKS, NO_WRENCHES, Engine, OneRow
 from armflex.mechanics.engine.tables import NO_CHANGES, Laws, Tree
 from armflex.mechanics.laws import LawStack, RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
@@ -278,8 +278,8 @@ class ManyRows:
         loaded, linkage = self.loaded, self.loaded.arm.robot.linkage
         links, behind = loaded.link_frames, len(linkage.closures) + len(linkage.pins)
         at = None if end is None else links.some([links.names.index(end)])
-        frames = {"sites": loaded.sites, "bodies": links, "behind": behind, "into": into}
-        return self._responded(what, q, twists, at, **frames)
+        frames = {"sites": loaded.sites, "bodies": links, "end": at, "behind": behind, "into": into}
+        return responded(self.tree, what, q, twists, **frames, **self._acting)
 
     def by_gravity(self, end: str | None, q: Array, twists: Array) -> Array:
         """Return the (M, 6, 3) motion of an end per change of gravity, which acts on the centres of all masses."""
@@ -287,25 +287,27 @@ class ManyRows:
         at = None if end is None else links.some([links.names.index(end)])
         turns, places = np.tile(np.eye(3).ravel(), (len(elements), 1)), np.arange(len(elements))
         centres = Frames((), np.array([places, places]), np.concatenate([turns, elements[:, 16:19]], axis=1))
-        found = self._responded(("motions",), q, twists, at, bodies=centres)["motions"]
+        found = responded(self.tree, ("motions",), q, twists, bodies=centres, end=at, **self._acting)["motions"]
         return np.einsum("nfba,f->nba", found[..., :3], elements[:, 15])
 
-    def _responded(
-        self, what: Collection[str], q: Array, twists: Array, end: Frames | None, **frames: Any
-    ) -> dict[str, Array]:
-        given = {"laws": self.laws, "pushed": self.pushed, "state": self.state, "end": end}
-        return responded(self.tree, what, q, twists, **given, **frames)
+    @property
+    def _acting(self) -> dict[str, Any]:
+        return {"laws": self.laws, "pushed": self.pushed, "state": self.state}
 
 
 class RowSolver:
-    """Solves one arm with one payload under its weight and some loads, in rows of some thousand at a time."""
+    """Solves one arm with one payload under its weight and some loads, in rows of some thousand at a time.
+
+    Attributes:
+        limits: (2, nq) positions between which the bound holds.
+    """
 
     def __init__(self, loaded: LoadedArm, wrenches: Sequence[Wrench] = ()) -> None:
         if not loaded.arm.chain:
             raise UnsupportedError("the fixed point knows no springs and no loops: see `loop_rows`")
         self._loaded, self._chain, self._nominal = loaded, loaded.chain, loaded.nominal
         self.pushes, self._wrenches = Pushes(loaded, wrenches), wrenches
-        self._lower, self._upper = map(np.array, loaded.arm.bounds)
+        self.limits = np.array(loaded.arm.bounds)
 
     def needs_wrenches(self, laws: RowLaws) -> bool:
         """Return whether loads must be known to solve the rows, or to prove that the arm stays."""
@@ -377,7 +379,7 @@ class RowSolver:
         """
         proven = np.zeros(len(row.q), dtype=bool)
         if bound is not None:
-            proven = fine & self.within_limits(row.q)
+            proven = fine & within(row.q, *self.limits)
             if not bound.proven:
                 proven &= bound.stays(found.wrenches.reshape(len(proven), -1), laws.tangent)
         rest = np.flatnonzero(fine & ~proven)
@@ -386,11 +388,6 @@ class RowSolver:
                 laws.expand(np.where(fine[:, None, None], found.wrenches, 0.0))
             proven[rest] = self.linearise(row, laws, found, rest)[1] <= SHARE
         return proven
-
-    def within_limits(self, q: Array) -> np.ndarray:
-        """Return (N,) at which (N, nq) positions the bound holds."""
-        inside = (q >= self._lower) & (q <= self._upper)
-        return np.ones(len(q), dtype=bool) if inside.all() else np.all(inside, axis=1)
 
     def linearise(self, row: Row, laws: RowLaws, found: Solution, some: np.ndarray) -> tuple[Array, Array]:
         """Return how the tip responds to changes of the laws in some rows, and how far its tangents are from rigid.
@@ -412,6 +409,10 @@ class OneChain:
     """One thread's engine of a chain, asked about one configuration at a time.
 
     Laws of terms under loads that are dead or follow their links are one call; others are a row of `RowSolver`'s.
+
+    Attributes:
+        quick: `OneRow.quick` where a bound proves that it stays, None where more is asked.
+        names: Of covariates that it must know.
     """
 
     def __init__(self, loaded: LoadedArm) -> None:
@@ -420,10 +421,10 @@ class OneChain:
         self._solver: RowSolver | None = None
         places = {f"q_{name}": place for name, place in arm.joint_index.items()}
         factors = arm.stack.factors(places | {MASS: columns})
-        self._names, self._known = (), np.array([loaded.payload.mass])
+        self.names, self._known = (), np.array([loaded.payload.mass])
         self._solve: OneRow | None = None
         if factors is not None:
-            self._names, self._known = factors.names, np.append(self._known, np.zeros(len(factors.names)))
+            self.names, self._known = factors.names, np.append(self._known, np.zeros(len(factors.names)))
             self._solve = OneRow(loaded.chain, arm.stack.numbers, np.array(arm.bounds), factors, self._known)
         self._moved = loaded.nominal and _from_nominal(loaded)
         self._push()
@@ -438,6 +439,8 @@ class OneChain:
 
     def _push(self) -> None:
         self._settled, self._proven = not self._pushes.posed, self._stays_by_bound(None)
+        certain = self._settled and self._proven and not self._moved
+        self.quick = self._solve.quick if certain and self._solve is not None else None
         if self._settled and self._solve is not None:
             self._solve.set_loads(self._pushes.links, self._pushes.same)
 
@@ -458,10 +461,10 @@ class OneChain:
         """
         if self._solve is None or not self._settled:
             return self._in_rounds(q, covariates, motion)
-        found = self._solve(q, motion) if self._know(covariates) else None
+        found = self._solve(q, motion) if self.knows(covariates) else None
         if found is None:
             return None
-        displacement, twists, loads = parts_of(found, len(q))
+        displacement, twists, loads = found
         if motion is not None:
             proven = self._stays_by_bound(motion)
         else:
@@ -470,14 +473,9 @@ class OneChain:
             self._moved(q, displacement)
         return Rest(displacement, twists, loads, proven)
 
-    def sure(self, q: Array, covariates: Mapping[str, Array]) -> Array | None:
-        """Return the numbers of `OneRow` where a bound proves that it stays, None where more is asked."""
-        if self._solve is None or self._moved or not (self._settled and self._proven and self._know(covariates)):
-            return None
-        return self._solve(q)
-
-    def _know(self, covariates: Mapping[str, Array]) -> bool:
-        for place, name in enumerate(self._names, 1):
+    def knows(self, covariates: Mapping[str, Array]) -> bool:
+        """Take covariates over; return whether all are given."""
+        for place, name in enumerate(self.names, 1):
             if name not in covariates:
                 return False  # the reference says which effect asks for it
             self._known[place] = covariates[name]
@@ -517,6 +515,12 @@ def _from_nominal(loaded: LoadedArm) -> Callable[[Array, Array], None]:
         displacement[3:] = pin.log3(pin.exp3(displacement[3:]).dot(turn).dot(back))
 
     return moved
+
+
+def within(q: Array, lower: Array, upper: Array) -> np.ndarray:
+    """Return (N,) which (N, nq) positions are not beyond (nq,) limits, joint by joint: that is quicker than by row."""
+    by_joint = np.ascontiguousarray(q.T)
+    return np.all((by_joint >= lower[:, None]) & (by_joint <= upper[:, None]), axis=0)
 
 
 def by_payload(

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from armflex.conventions import Array, covariate_array
 from armflex.mechanics.deflection import deflect
-from armflex.mechanics.engine.binding import parts_of
 from armflex.mechanics.equilibrium import Quick, check_method
 from armflex.mechanics.history import known_alone, remembering
 from armflex.mechanics.loaded import LoadedArm
@@ -22,6 +21,7 @@ from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.rows.wrench import Wrench, check_rows
 
 FLOAT = np.dtype(float)
+NOTHING: Mapping[str, Array] = {}
 
 
 class Prepared:
@@ -46,8 +46,7 @@ class Prepared:
         self._loaded, self._method, self._enforced, self._wrenches = loaded, method, enforce_limits, tuple(wrenches)
         self._remembers = bool(remembering(loaded.arm, ()))
         self._exact, self._shape = method == "exact", (len(loaded.arm.joint_names),)
-        self._last: tuple[Array, Rest] | Array | None = None
-        self._displaced = slice(len(loaded.arm.joint_names), len(loaded.arm.joint_names) + 6)
+        self._last: tuple[Array | bytes, Mapping[str, Array], Rest | Array] | None = None
         self._free = [self._workspace()] if self._exact else []
 
     def __call__(self, q: ArrayLike, **covariates: float) -> Array:
@@ -60,38 +59,36 @@ class Prepared:
         Raises:
             As `Arm.deflection`; the last answer is then still that of the call before.
         """
-        given = {name: covariate_array(value, name, 0) for name, value in covariates.items()} if covariates else {}
+        given = NOTHING
+        if covariates:
+            given = {name: covariate_array(value, name, 0) for name, value in covariates.items()}
         if self._remembers:
             q, _ = self._loaded.arm.check_position(q, self._enforced)
             case = LoadCase(q, wrenches=self._wrenches, covariates=given)
             given = known_alone(self._loaded.arm, self._loaded.payload, case)
         if self._exact and isinstance(q, np.ndarray) and q.shape == self._shape and q.dtype == FLOAT:
-            found = self._engine(q, given)
-            if found is not None:
-                return found
+            try:
+                quick = self._free.pop()  # which no other thread has meanwhile
+            except IndexError:
+                quick = self._workspace()
+            try:
+                if isinstance(quick, OneChain) and quick.quick and (not quick.names or quick.knows(given)):
+                    ask, where, copied = quick.quick
+                    if ask(where, numbers := q.tobytes()):
+                        answer = copied()
+                        self._last = numbers, given, answer
+                        return answer[:6]
+                rest = quick(q, given, None)
+            finally:
+                self._free.append(quick)
+            if rest is not None and rest.proven:
+                self._last = q.copy(), given, rest
+                return rest.displacement
         checked, flags = self._loaded.arm.check_position(q, self._enforced)
         case = LoadCase(checked, wrenches=self._wrenches, covariates=given)
         found = deflect(self._loaded, case, flags, self._method)
         rest = Rest(found.displacement.copy(), found.twists, found.wrenches)
-        self._last = checked, rest
-        return rest.displacement
-
-    def _engine(self, q: Array, given: Mapping[str, Array]) -> Array | None:
-        """Return and keep what the engine proves, in a workspace that no other thread has meanwhile."""
-        try:
-            quick = self._free.pop()
-        except IndexError:
-            quick = self._workspace()
-        try:
-            if isinstance(quick, OneChain) and (numbers := quick.sure(q, given)) is not None:
-                self._last = numbers
-                return numbers[self._displaced]
-            rest = quick(q, given, None)
-        finally:
-            self._free.append(quick)
-        if rest is None or not rest.proven:
-            return None
-        self._last = q.copy(), rest
+        self._last = checked, given, rest
         return rest.displacement
 
     def _workspace(self) -> Quick:
@@ -105,16 +102,16 @@ class Prepared:
         if self._last is None:
             n = len(self._loaded.arm.sites)
             return Rest(np.zeros(6), np.zeros((n, 6)), np.zeros((n, 6)))
-        if isinstance(self._last, np.ndarray):
-            return Rest(*parts_of(self._last, self._shape[0]))
-        return self._last[1]
+        _, given, rest = self._last
+        if isinstance(rest, np.ndarray):  # without loads
+            rest = self._workspace()(self.q, given, None)
+            assert rest is not None
+        return rest
 
     @property
     def q(self) -> Array:
         """(nq,) joint positions of the last answer [rad or m]."""
-        if isinstance(self._last, np.ndarray):
-            return self._last[: self._shape[0]].copy()
-        return np.zeros(self._shape) if self._last is None else self._last[0].copy()
+        return np.zeros(self._shape) if self._last is None else np.array(np.frombuffer(self._last[0]))
 
     @property
     def wrenches(self) -> Array:

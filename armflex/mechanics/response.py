@@ -32,6 +32,7 @@ from armflex.mechanics.many_rows import (
     RowSolver,
     Solution,
     by_payload,
+    within,
 )
 from armflex.mechanics.mechanism import Rest
 from armflex.mechanics.pinocchio_model import LoadCase
@@ -283,7 +284,7 @@ def _solved(
     solver, laws = RowSolver(loaded, case.wrenches), RowLaws(arm.stack, row)
     found = Solution.empty(len(q), n)
     left = np.flatnonzero(~solver.solve(row, laws, found))
-    judged = solver.within_limits(q) & bool(solver.bound and solver.bound.proven)
+    judged = within(q, *solver.limits) & bool(solver.bound and solver.bound.proven)
     while True:  # what is not proven here is the reference's, which judges it itself
         _rest(loaded, case, left, found, allow_large)
         judged[left] = True
@@ -296,8 +297,9 @@ def _solved(
         left = np.flatnonzero(~(judged | (distance < 1.0)))
         if not len(left):
             break
-    small = (np.linalg.norm(found.twists[:, :, 3:], axis=2) <= MAX_ROTATION).all(axis=1)
-    for i in () if allow_large else np.flatnonzero(~small):
+    turns = found.twists[:, :, 3:]
+    large = ~(np.einsum("nia,nia->ni", turns, turns) <= MAX_ROTATION**2)
+    for i in () if allow_large else np.flatnonzero(large.any(axis=1)):
         check_small(found.twists[i].ravel(), arm.stack.names)
     return part, found
 

@@ -8,9 +8,10 @@ arm, because
 
     J1 exp(t1) J2 exp(t2) ... = exp(s1) exp(s2) ... J1 J2 ...
 
-A screw (v, w) moves a point x by `u + b w x u + c w x (w x u)` with `u = v + w x x`; b and c are the exponential's, as
-series: they hold for turns up to 0.1 rad. Some configurations go side by side, in packs of as many numbers as the
-processor's registers hold; a controller has the same text for one.
+A screw, v and w at the flexure's origin o, moves a point x by `u + b w x u + c w x (w x u)` with `u = v + w x (x - o)`;
+b and c are the exponential's, as series: they hold for turns up to 0.1 rad. Some configurations go side by side, in
+packs of as many numbers as the processor's registers hold; a controller has the same text for one. Neurons are asked at
+the loads on the rigid arm, and are moved on from there.
 
 **Loops and springs** come to rest by Newton's method, about the base's origin. The coordinates z are positions of
 passive joints and y of laws R y, R S' = C; each moves all that its element carries by a spatial twist s. A closure gaps

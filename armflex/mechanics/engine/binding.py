@@ -25,6 +25,7 @@ from armflex.mechanics.engine.tables import (
     AskedStruct,
     Factors,
     Laws,
+    OneStruct,
     RestStruct,
     Tables,
     Tree,
@@ -42,8 +43,9 @@ _CALLS: dict[str, tuple[type | None, list[type]]] = {
     "engine_level": (c_int, []),
     "engine_room": (_WHOLE, [_POINTER]),
     "engine_rest_room": (_WHOLE, [_POINTER, _WHOLE]),
-    "engine_one": (c_int, [_POINTER] * 6),
-    "engine_chain": (_WHOLE, [_POINTER, _WHOLE, _POINTER, _WHOLE, _WHOLE, *[_POINTER] * 5]),
+    "engine_ready": (None, [_POINTER] * 2),
+    "engine_one": (c_int, [_POINTER] * 2),
+    "engine_chain": (_WHOLE, [_POINTER, _WHOLE, _POINTER, _WHOLE, *[_POINTER] * 5]),
     "engine_rest": (_WHOLE, [_POINTER, _WHOLE, _POINTER, _WHOLE, _WHOLE, *[_POINTER] * 4]),
     "engine_respond": (None, [_POINTER, _WHOLE, *[_POINTER] * 7]),
     "engine_tips": (None, [_POINTER, _WHOLE, *[_POINTER] * 3]),
@@ -56,15 +58,14 @@ class EngineError(ArmflexError):
 
 @cache
 def library() -> CDLL:
-    """Return the compiled engine, the faster one where the processor has what it asks for.
+    """Return the compiled engine, the fastest that the processor can run.
 
     Raises:
         EngineError: It was never compiled, or from another text than the one that is here.
     """
-    found = _loaded(build.BASELINE)
-    if build.on_x86_64() and found.engine_level():
-        found = _loaded(build.FAST)
-    return found
+    found = _loaded(build.LEVELS[0])
+    level = found.engine_level() if build.on_x86_64() else 0
+    return _loaded(build.LEVELS[level]) if level else found
 
 
 def _loaded(level: str) -> CDLL:
@@ -143,7 +144,7 @@ class Engine:
         if loads is not None:
             checked(loads, "loads", REAL, rows, n, 6)
         given = addresses((displacement, loads, twists, fine, self._work()))
-        self._library.engine_chain(self._arm, rows, address(q), exact, 1, *given)
+        self._library.engine_chain(self._arm, rows, address(q), exact, *given)
 
     def rest(self, q: Array, settled: bool, first: int, free: Array, idle: Array, into: Sequence[np.ndarray]) -> int:
         """Fill where a mechanism rests in rows from `first` on, each closed from where the one before it was.
@@ -277,7 +278,13 @@ class Engine:
 
 
 class OneRow:
-    """The engine with one chain in a control loop: positions in, where it rests out, in memory of its own."""
+    """The engine with one chain in a control loop: positions in, where it rests out, in memory of its own.
+
+    Attributes:
+        quick: The call, its first argument, and what copies what it filled: displacement (6), twists (6 n), and no
+            loads. The second argument is the bytes of (d,) positions that were looked at. It returns 0 where there is
+            no fixed point.
+    """
 
     def __init__(self, tree: Tree, laws: Laws, bounds: Array, factors: Factors | None, known: Array) -> None:
         engine, n = Engine(tree), len(tree.flexures)
@@ -287,11 +294,9 @@ class OneRow:
         if factors is not None:
             engine._tables.set_factors(factors, known)
         engine._tables.set_bounds(bounds)
-        self._memory = np.zeros(tree.driven + 6 + 12 * n)
-        self._q = self._memory[: tree.driven]
+        self._memory = np.zeros(6 + 12 * n)
         self._links, self._wrenches = NO_LINKS, NO_WRENCHES
         self._motion, self._moves = np.zeros((1, 2, tree.driven)), False
-        self._parts = parts_of(self._memory, tree.driven)
         self._ask = engine._library.engine_one
         self._point()
 
@@ -305,35 +310,35 @@ class OneRow:
         self._point()
 
     def _point(self) -> None:
-        self._held = self._engine._work()
-        self._where = tuple(map(c_void_p, (self._engine._arm, *addresses((self._q, *self._parts, self._held)))))
+        engine, self._held = self._engine, self._engine._work()
+        displacement, twists, loads = addresses(parts_of(self._memory))
+        room = address(self._held)
+        self._short = OneStruct(engine._arm, displacement, twists, None, room)
+        self._whole = OneStruct(engine._arm, displacement, twists, loads, room)
+        self.quick = self._ask, addressof(self._short), self._memory.copy
+        engine._library.engine_ready(engine._arm, room)
 
-    def __call__(self, q: Array, motion: Array | None = None) -> Array | None:
-        """Return q and what `parts_of` finds behind it, None where there is no fixed point.
+    def __call__(self, q: Array, motion: Array | None = None) -> tuple[Array, Array, Array] | None:
+        """Return displacement, twists and loads at (d,) positions, None where there is no fixed point.
 
         Args:
             q: (d,) positions.
             motion: (2, d) speeds and accelerations, None where it stands.
         """
-        if self._moves or motion is not None:
-            self._move(motion)
-        self._q[:] = q
-        return self._memory.copy() if self._ask(*self._where) else None
-
-    def _move(self, motion: Array | None) -> None:
+        checked(q, "q", REAL, self._engine._tree.driven)
         if self._moves is not (motion is not None):
             self._moves = motion is not None
             self._engine.set_motion(self._motion if self._moves else None, 1)
             self._point()
         if motion is not None:
             self._motion[0] = motion
+        return parts_of(self._memory.copy()) if self._ask(addressof(self._whole), q.tobytes()) else None
 
 
-def parts_of(found: Array, driven: int) -> tuple[Array, Array, Array]:
-    """Return (6,) displacement, (n, 6) twists and loads of an answer of `OneRow`, views behind its (d,) positions."""
-    middle = driven + 6
-    twists, loads = found[middle:].reshape(2, (len(found) - middle) // 12, 6)
-    return found[driven:middle], twists, loads
+def parts_of(found: Array) -> tuple[Array, Array, Array]:
+    """Return (6,) displacement, (n, 6) twists and loads of an answer of `OneRow`, as views."""
+    twists, loads = found[6:].reshape(2, len(found) // 12, 6)
+    return found[:6], twists, loads
 
 
 class OneRest:

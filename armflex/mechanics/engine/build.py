@@ -1,7 +1,8 @@
 """Compile engine.c for this machine: by its own compiler, or by zig's, which is a package.
 
-On x86-64 there are two libraries, of which the faster is loaded where the processor has AVX2. Their names carry a
-digest of all that they are made of, so that one of another text is never loaded.
+On x86-64 there are three libraries, of which the fastest is loaded that the processor can run: with AVX2, and with
+AVX-512 eight rows side by side. Their names carry a digest of all that they are made of, so that one of another text is
+never loaded.
 `python -m armflex.mechanics.engine.build` puts them beside the sources; a wheel has them there, an editable
 installation in a folder of its own.
 """
@@ -23,10 +24,12 @@ BESIDE = "_armflex_engine"
 """Folder of an editable installation's libraries, among the installed packages."""
 
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
-BASELINE, FAST = "baseline", "v3"
+LEVELS = ("baseline", "v3", "v4")
+"""Of x86-64, by what `engine_level` returns; others have the first."""
 
-FLAGS = ("-std=gnu99", "-O3", "-shared", "-Wno-psabi", "-fno-strict-aliasing")
-"""Not -ffast-math: in a shared library gcc's turns denormals off for the whole process."""
+FLAGS = ("-std=gnu99", "-O3", "-fno-tree-slp-vectorize", "-shared", "-Wno-psabi", "-fno-strict-aliasing")
+"""Not -ffast-math: in a shared library gcc's turns denormals off for the whole process. Packs are written where they
+pay: of straight code gcc makes some that cost a sixth of a response's time."""
 
 WANTED = "armflex compiles its engine, and needs a C compiler: install gcc or clang, or `pip install ziglang`"
 
@@ -63,8 +66,8 @@ def compile_engine(into: Path) -> list[Path]:
             raise SystemExit(WANTED)
         compiler, zig = [sys.executable, "-m", "ziglang", "cc", "-fno-sanitize=all"], True
     libraries = []
-    for level in (BASELINE, FAST) if on_x86_64() else (BASELINE,):
-        march = [] if level == BASELINE else ["-mcpu=x86_64_v3" if zig else "-march=x86-64-v3"]
+    for level in LEVELS if on_x86_64() else LEVELS[:1]:
+        march = [] if level == LEVELS[0] else [f"-mcpu=x86_64_{level}" if zig else f"-march=x86-64-{level}"]
         link = [] if sys.platform == "win32" else ["-fPIC", "-lm"]
         library = into / library_name(level)
         part = library.with_name(f"{library.stem}.{os.getpid()}{SUFFIX}")  # two builds may be at it

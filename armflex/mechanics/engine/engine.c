@@ -7,6 +7,7 @@
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(CONTROLLER)
 #include <cpuid.h>
 enum { LEAF_1 = 0x38401000, LEAF_7 = 0x128, LZCNT = 0x20 }; /* FMA, MOVBE, OSXSAVE, AVX, F16C; BMI1, AVX2, BMI2 */
+static const unsigned LEAF_7_WIDE = 0xd0030000;             /* AVX-512 F, DQ, CD, BW, VL */
 #endif
 
 enum { FLEXURE, TURNS, SLIDES, RIGID, ROTATED };
@@ -14,7 +15,7 @@ enum { ROD = 4, GEAR, COIL, GAS };
 enum { PART, SIZE, CLIPPED, TANH, RAISED, RAMP };
 enum { SPRING = 1, MAGNET };
 enum { ONE, POWER, SINE, COSINE, STEP, BUMP, TENT, CREEP, OVERLAP, CHEBYSHEV, TABLE };
-enum { STEPS = 24, MOST = 50, SOFT = 96, TIP = 8, BOTH = 12, SOLVED = 20 }; /* see branches */
+enum { STEPS = 24, MOST = 50, FEWEST = 2, SOFT = 96, TIP = 8, BOTH = 12, SOLVED = 20 }; /* see branches */
 static const double CONVERGED = 1e-24;
 #if !defined(CHAIN)
 static const double SMALL = 0.1 * 0.1;
@@ -23,6 +24,11 @@ static const double SMALL = 0.1 * 0.1;
 /* ---- Packs ------------------------------------------------------------------------------------------------------ */
 
 enum { WIDE = 4 };
+#if defined(__AVX512F__)
+enum { MANY = 8 }; /* rows side by side */
+#else
+enum { MANY = WIDE };
+#endif
 #if defined(__GNUC__) && !defined(PLAIN)
 #define PACKED 1
 typedef double pack __attribute__((vector_size(32)));
@@ -31,7 +37,7 @@ typedef double loose __attribute__((vector_size(32), aligned(8)));
 static inline pack get(const double *from) { return *(const loose *)from; }
 static inline void put(double *to, pack v) { *(loose *)to = v; }
 static inline pack spread(double x) { return (pack){x, x, x, x}; }
-static inline pack all_many(double x) { return x - (pack){0.0}; } /* of -0, too */
+static inline pack all_four(double x) { return x - (pack){0.0}; } /* of -0, too */
 static inline pack add(pack a, pack b) { return a + b; }
 static inline pack sub(pack a, pack b) { return a - b; }
 static inline pack mul(pack a, pack b) { return a * b; }
@@ -120,7 +126,7 @@ static inline double bounded_one(double x)
 }
 #else
 static const double HALVINGS = 1.4426950408889634, LOG_2_ROUND = 0.6931471803691238, LOG_2_REST = 1.9082149292705877e-10;
-static const double LARGE = 1.5 * 4503599627370496.0, NEAR = 1.0 / 64;
+static const double LARGE = 1.5 * 4503599627370496.0, NEAR = 1.0 / 64, CLOSE = 1e-4;
 
 /* tanh to 4e-16 without branches: the halvings of exp(-2 |x|) are the last bits of a sum with a large number. */
 #define BOUNDED(name, real, bits, nearest, size, sign, power_of)                                                        \
@@ -156,7 +162,7 @@ BOUNDED(bounded_one, double, whole, rint, least_one, copysign, power_one)
  * magnet, whose pull falls with the square of the distance but for a reach. */
 static void pull_at(const double *pull, const double *at, double *force)
 {
-    double way[3], distance, size;
+    double way[3] = {0.0}, distance, size;
     for (int i = 0; i < 3; i++) {
         way[i] = pull[1 + i] - at[i];
     }
@@ -199,36 +205,56 @@ static double draw_in(const double *window, double *load)
 
 #if !defined(CONTROLLER)
 #if defined(PACKED)
-static inline pack nearest_many(pack x)
-{
-    return (x + LARGE) - LARGE; /* no call where a processor has no instruction for it */
-}
-static inline int exceeds_many(pack x, double most)
-{
-    return (x[0] > most) || (x[1] > most) || (x[2] > most) || (x[3] > most);
-}
-static inline pack least_many(pack x)
-{
-    pack size = (pack)((bits)x & ~(bits)all_many(-0.0)), most = all_many(20.0);
-    bits over = (bits)(size > most);
-    return (pack)(((bits)most & over) | ((bits)size & ~over));
-}
-static inline pack sign_many(pack size, pack x)
-{
-    bits mask = (bits)all_many(-0.0);
-    return (pack)(((bits)size & ~mask) | ((bits)x & mask));
-}
-static inline pack power_many(pack halvings)
-{
-    return (pack)(((bits)(halvings + LARGE) + 1023) << 52);
-}
-BOUNDED(bounded_many, pack, bits, nearest_many, least_many, sign_many, power_many)
-#define LANES WIDE
+/* What tanh takes, of packs of so many numbers; `nearest` calls nothing where a processor has no instruction for it. */
+#define PARTS(name, pack, bits, all)                                                                             \
+    static inline pack nearest_##name(pack x)                                                                           \
+    {                                                                                                                   \
+        return (x + LARGE) - LARGE;                                                                                     \
+    }                                                                                                                   \
+    static inline int exceeds_##name(pack x, double most)                                                               \
+    {                                                                                                                   \
+        int over = 0;                                                                                                   \
+        for (int i = 0; i < (int)(sizeof(pack) / sizeof(double)); i++) {                                                \
+            over |= (x[i] > most);                                                                                      \
+        }                                                                                                               \
+        return over;                                                                                                    \
+    }                                                                                                                   \
+    static inline pack least_##name(pack x)                                                                             \
+    {                                                                                                                   \
+        pack size = (pack)((bits)x & ~(bits)all(-0.0)), most = all(20.0);                                               \
+        bits over = (bits)(size > most);                                                                                \
+        return (pack)(((bits)most & over) | ((bits)size & ~over));                                                      \
+    }                                                                                                                   \
+    static inline pack sign_##name(pack size, pack x)                                                                   \
+    {                                                                                                                   \
+        bits mask = (bits)all(-0.0);                                                                                    \
+        return (pack)(((bits)size & ~mask) | ((bits)x & mask));                                                         \
+    }                                                                                                                   \
+    static inline pack power_##name(pack halvings)                                                                      \
+    {                                                                                                                   \
+        return (pack)(((bits)(halvings + LARGE) + 1023) << 52);                                                         \
+    }                                                                                                                   \
+    BOUNDED(bounded_##name, pack, bits, nearest_##name, least_##name, sign_##name, power_##name)
+
+PARTS(four, pack, bits, all_four)
+#if defined(__AVX512F__)
+typedef double wide_pack __attribute__((vector_size(64)));
+typedef uint64_t wide_bits __attribute__((vector_size(64)));
+static inline wide_pack all_many(double x) { return x - (wide_pack){0.0}; }
+PARTS(many, wide_pack, wide_bits, all_many)
+#define real wide_pack
+#else
+#define all_many all_four
+#define nearest_many nearest_four
+#define bounded_many bounded_four
+#define exceeds_many exceeds_four
 #define real pack
+#endif
+#define LANES MANY
 #define T(name) name##_many
 #define AT(v, c) ((v)[c])
 #define EACH 1
-#define neural pack
+#define neural real
 #define N(name) name##_many
 #define weight(from) all_many(*(from))
 #define given(x) (x)
@@ -246,9 +272,9 @@ BOUNDED(bounded_many, pack, bits, nearest_many, least_many, sign_many, power_man
 #undef gathered
 #define EACH WIDE
 #define neural pack
-#define N(name) name##_many
+#define N(name) name##_four
 #define weight(from) get(from)
-#define given(x) all_many(x)
+#define given(x) all_four(x)
 #define gathered(x) (((x)[0] + (x)[1]) + ((x)[2] + (x)[3]))
 #endif
 #endif /* CONTROLLER */
@@ -478,8 +504,8 @@ whole engine_rest_room(const arm *a, whole rank)
 
 whole engine_room(const arm *a)
 {
-    whole n = a->flexures, numbers = 2 * WIDE * a->starts[n] + 97 * n + 17 * a->count + a->terms + a->factors + 9 * a->pushes + 32;
-    return WIDE * numbers + engine_rest_room(a, 6 * n);
+    whole n = a->flexures, numbers = 2 * WIDE * a->starts[n] + 109 * n + 17 * a->count + a->terms + a->factors + 9 * a->pushes + 32;
+    return MANY * numbers + engine_rest_room(a, 6 * n);
 }
 #endif /* CONTROLLER */
 
@@ -2363,16 +2389,14 @@ void engine_tips(const arm *a, whole rows, const double *q, double *poses, doubl
     whole_again(a, lent);
 }
 
-whole engine_chain(const arm *a, whole rows, const double *q, whole exact, whole lanes_, double *displacement,
-                   double *loads, double *twists, unsigned char *fine, double *room)
+whole engine_chain(const arm *a, whole rows, const double *q, whole exact, double *displacement, double *loads,
+                   double *twists, unsigned char *fine, double *room)
 {
 #if defined(PACKED)
-    if (lanes_ != 0) {
-        return chain_many(a, rows, q, (int)exact, displacement, loads, twists, fine, room);
-    }
+    return chain_many(a, 0, rows, q, (int)exact, displacement, loads, twists, fine, room);
+#else
+    return chain_one(a, 0, rows, q, (int)exact, displacement, loads, twists, fine, room);
 #endif
-    (void)lanes_;
-    return chain_one(a, rows, q, (int)exact, displacement, loads, twists, fine, room);
 }
 
 whole engine_size(void)
@@ -2384,6 +2408,7 @@ int engine_level(void)
 {
 #if defined(__x86_64__) && defined(__GNUC__)
     unsigned a, b, c, d, low, high;
+    int wide;
     if (!__get_cpuid(1, &a, &b, &c, &d) || ((c & LEAF_1) != LEAF_1)) {
         return 0;
     }
@@ -2392,21 +2417,29 @@ int engine_level(void)
     if (((low & 6) != 6) || !__get_cpuid_count(7, 0, &a, &b, &c, &d) || ((b & LEAF_7) != LEAF_7)) {
         return 0;
     }
-    return (__get_cpuid(0x80000001, &a, &b, &c, &d) && ((c & LZCNT) != 0)) ? 1 : 0;
+    wide = ((low & 0xe6) == 0xe6) && ((b & LEAF_7_WIDE) == LEAF_7_WIDE);
+    return (__get_cpuid(0x80000001, &a, &b, &c, &d) && ((c & LZCNT) != 0)) ? 1 + wide : 0;
 #else
     return 0;
 #endif
 }
 
-int engine_one(const arm *a, const double *q, double *displacement, double *twists, double *loads, double *room)
+void engine_ready(const arm *a, double *room)
 {
+    state_one s = divide_one(a, room);
+    look_one(a, &s);
+}
+
+int engine_one(const asked_one *o, const double *q)
+{
+    const arm *a = o->arm;
     unsigned char fine = 0;
     for (whole j = 0; j < a->driven; j++) {
         if (!((a->bounds[j] <= q[j]) && (q[j] <= a->bounds[a->driven + j]))) {
             return 0;
         }
     }
-    (void)chain_one(a, 1, q, 1, displacement, loads, twists, &fine, room);
+    (void)chain_one(a, 1, 1, q, 1, o->displacement, o->loads, o->twists, &fine, o->room);
     return fine;
 }
 #endif /* CONTROLLER */

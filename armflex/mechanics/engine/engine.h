@@ -76,6 +76,11 @@ typedef struct { /* what is asked about a frame where it rests; NULL for what is
     double *distance;      /* (N) */
 } asked;
 
+typedef struct { /* where a row of a chain is answered; loads may be NULL */
+    const arm *arm;
+    double *displacement, *twists, *loads, *room;
+} asked_one;
+
 /* A controller has the text of the engine in its own file: it calls these alone. */
 #if defined(CONTROLLER)
 #define API static
@@ -84,9 +89,10 @@ typedef struct { /* what is asked about a frame where it rests; NULL for what is
 whole engine_size(void); /* of an arm in bytes */
 whole engine_room(const arm *a);
 whole engine_rest_room(const arm *a, whole rank); /* of all but chains, by the coordinates of laws */
-int engine_level(void);  /* 1 where the processor has what x86-64-v3 asks for */
-int engine_one(const arm *a, const double *q, double *displacement, double *twists, double *loads, double *room);
-whole engine_chain(const arm *a, whole rows, const double *q, whole exact, whole lanes, double *displacement,
+int engine_level(void);  /* 1 where the processor has what x86-64-v3 asks for, 2 where v4 */
+void engine_ready(const arm *a, double *room);             /* before rows are asked one by one, in the same room */
+int engine_one(const asked_one *o, const double *q);
+whole engine_chain(const arm *a, whole rows, const double *q, whole exact, double *displacement,
                    double *loads, double *twists, unsigned char *fine, double *room);
 void engine_tips(const arm *a, whole rows, const double *q, double *poses, double *room);
 #endif

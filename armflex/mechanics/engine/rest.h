@@ -3,8 +3,13 @@
 typedef struct {
     real turn[9], origin[3]; /* in the rigid arm */
     real moment[3];          /* first moment about the base of what is between it and the next */
-    real moved[3], screw[9], load[6], twist[6], next[6], seen[3];
-    int apart; /* whether its compliance has no coupling */
+    real screw[6], second, third, first; /* its twist in base axes, and the coefficients of its exponential */
+    real lever[3], seen[3];              /* of all that is outboard, and of a load, about its origin */
+    real load[6], twist[6], next[6];
+#if !defined(CONTROLLER)
+    real told[6], gave[6]; /* its neurons, when they were asked */
+#endif /* CONTROLLER */
+    int apart; /* whether its law is a compliance without coupling, and an offset */
 } T(flexure);
 typedef struct {
     real compliance[36], offset[6];
@@ -29,6 +34,11 @@ static inline real T(dot)(const real *a, const real *b)
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
+static inline real T(squares)(const real *twist)
+{
+    return T(dot)(twist, twist) + T(dot)(twist + 3, twist + 3);
+}
+
 /* Element by element: memcpy of an array would keep it out of registers. */
 static inline void T(copy)(real *to, const real *from, int count)
 {
@@ -51,48 +61,43 @@ static inline void T(shift)(real *to, const real *turn, const double *by, double
     }
 }
 
-/* Fill the screw by which a flexure moves what is outboard of it, and the coefficients of its exponential. */
+/* Fill the twist of a flexure in base axes, and the coefficients of its exponential. */
 static inline void T(screw_of)(T(flexure) *f)
 {
-    real v[3], w[3], lever[3], s = T(dot)(f->twist + 3, f->twist + 3), third;
+    real s = T(dot)(f->twist + 3, f->twist + 3), third;
     for (int i = 0; i < 3; i++) {
-        v[i] = T(dot)(f->turn + 3 * i, f->twist);
-        w[i] = T(dot)(f->turn + 3 * i, f->twist + 3);
-    }
-    T(cross)(w, f->origin, lever);
-    for (int i = 0; i < 3; i++) {
-        f->screw[i] = v[i] - lever[i];
-        f->screw[3 + i] = w[i];
+        f->screw[i] = T(dot)(f->turn + 3 * i, f->twist);
+        f->screw[3 + i] = T(dot)(f->turn + 3 * i, f->twist + 3);
     }
     third = 1.0 / 6 - s * (1.0 / 120 - s * (1.0 / 5040 - s * (1.0 / 362880)));
-    f->screw[6] = 0.5 - s * (1.0 / 24 - s * (1.0 / 720 - s * (1.0 / 40320)));
-    f->screw[7] = third;
-    f->screw[8] = 1.0 - third * s;
+    f->second = 0.5 - s * (1.0 / 24 - s * (1.0 / 720 - s * (1.0 / 40320)));
+    f->third = third;
+    f->first = 1.0 - third * s;
 }
 
-/* Add how far a screw moves what has a mass and a first moment; a point has a mass of 1. */
-static inline void T(carry)(const real *screw, double mass, const real *moment, real *to)
+/* Add how far a flexure moves what has a mass and a first moment about its origin; a point has a mass of 1. */
+static inline void T(carry)(const T(flexure) *f, double mass, const real *lever, real *to)
 {
     real once[3], twice[3], thrice[3];
-    T(cross)(screw + 3, moment, once);
+    T(cross)(f->screw + 3, lever, once);
     for (int i = 0; i < 3; i++) {
-        once[i] += mass * screw[i];
+        once[i] += mass * f->screw[i];
     }
-    T(cross)(screw + 3, once, twice);
-    T(cross)(screw + 3, twice, thrice);
+    T(cross)(f->screw + 3, once, twice);
+    T(cross)(f->screw + 3, twice, thrice);
     for (int i = 0; i < 3; i++) {
-        to[i] += once[i] + screw[6] * twice[i] + screw[7] * thrice[i];
+        to[i] += once[i] + f->second * twice[i] + f->third * thrice[i];
     }
 }
 
-/* Turn a vector by a screw, back (-1) or forth (1). */
-static inline void T(lean)(const real *screw, double side, real *vector)
+/* Turn a vector as a flexure does, back (-1) or forth (1). */
+static inline void T(lean)(const T(flexure) *f, double side, real *vector)
 {
     real once[3], twice[3];
-    T(cross)(screw + 3, vector, once);
-    T(cross)(screw + 3, once, twice);
+    T(cross)(f->screw + 3, vector, once);
+    T(cross)(f->screw + 3, once, twice);
     for (int i = 0; i < 3; i++) {
-        vector[i] += side * screw[8] * once[i] + screw[6] * twice[i];
+        vector[i] += side * f->first * once[i] + f->second * twice[i];
     }
 }
 
@@ -214,7 +219,7 @@ static void T(place)(const arm *a, T(state) *s, whole rows, const double *q, who
             T(copy)(s->f[own].origin, tip, 3);
             T(copy)(s->f[own].turn, turn, 9);
         } else if (kind != RIGID) {
-            real value;
+            real value = T(all)(0.0);
             for (int c = 0; c < LANES; c++) {
                 whole r = (first + c < rows) ? first + c : rows - 1;
                 AT(value, c) = q[r * a->driven + own];
@@ -240,7 +245,7 @@ static void T(place)(const arm *a, T(state) *s, whole rows, const double *q, who
 #endif /* CONTROLLER */
         for (whole j = 0; j < a->pushes; j++) {
             if (a->links[3 * j] == k) {
-                real *point = s->points + 3 * j, *push = s->pushes + 6 * j, own_axes[6];
+                real *point = s->points + 3 * j, *push = s->pushes + 6 * j, own_axes[6] = {T(all)(0.0)};
                 T(copy)(point, tip, 3);
                 T(shift)(point, turn, a->wrenches + 9 * j, 1.0);
                 for (int i = 0; i < 6; i++) {
@@ -267,11 +272,8 @@ static inline void T(add_load)(T(flexure) *f, const real *force, const real *mom
 
 static inline void T(bear)(T(flexure) *f, const real *wrench)
 {
-    real lever[3], moment[3];
-    for (int i = 0; i < 3; i++) {
-        lever[i] = f->seen[i] - f->origin[i];
-    }
-    T(cross)(lever, wrench, moment);
+    real moment[3];
+    T(cross)(f->seen, wrench, moment);
     for (int i = 0; i < 3; i++) {
         moment[i] += wrench[3 + i];
     }
@@ -279,24 +281,36 @@ static inline void T(bear)(T(flexure) *f, const real *wrench)
 }
 
 #if !defined(CONTROLLER)
+/* Fill where the base's origin is as a flexure sees it, and how far it would move it. */
+static void T(see_origin)(T(flexure) *f, int flexed, real *moved)
+{
+    for (int i = 0; i < 3; i++) {
+        f->seen[i] = -f->origin[i];
+        moved[i] = T(all)(0.0);
+    }
+    if (flexed) {
+        T(carry)(f, 1.0, f->seen, moved);
+    }
+}
+
 /* Take a twist about the base's origin from inboard of a flexure to outboard of it. */
-static void T(twist_out)(const real *screw, const real *moved, real *linear, real *angular)
+static void T(twist_out)(const T(flexure) *f, const real *moved, real *linear, real *angular)
 {
     real lever[3];
     T(cross)(moved, angular, lever);
     for (int i = 0; i < 3; i++) {
         linear[i] -= lever[i];
     }
-    T(lean)(screw, -1.0, linear);
-    T(lean)(screw, -1.0, angular);
+    T(lean)(f, -1.0, linear);
+    T(lean)(f, -1.0, angular);
 }
 
 /* Take a wrench about the base's origin from outboard of a flexure to inboard of it. */
-static void T(wrench_in)(const real *screw, const real *moved, real *wrench)
+static void T(wrench_in)(const T(flexure) *f, const real *moved, real *wrench)
 {
     real lever[3];
-    T(lean)(screw, 1.0, wrench);
-    T(lean)(screw, 1.0, wrench + 3);
+    T(lean)(f, 1.0, wrench);
+    T(lean)(f, 1.0, wrench + 3);
     T(cross)(moved, wrench, lever);
     for (int i = 0; i < 3; i++) {
         wrench[3 + i] += lever[i];
@@ -308,10 +322,10 @@ static void T(wrench_in)(const real *screw, const real *moved, real *wrench)
 static void T(accelerate)(const arm *a, T(state) *s, int flexed)
 {
     const whole *order = a->kinds + 2 * a->count;
-    real v[3], w[3], p[3], o[3], wrench[6], none[3], moved[3];
+    real v[3], w[3], p[3], o[3], wrench[6], moved[3];
     whole carrier = -1, n = a->flexures;
     for (int i = 0; i < 3; i++) {
-        v[i] = w[i] = p[i] = o[i] = none[i] = T(all)(0.0); /* p and o change v and w */
+        v[i] = w[i] = p[i] = o[i] = T(all)(0.0); /* p and o change v and w */
         wrench[i] = wrench[3 + i] = T(all)(0.0);
     }
     for (whole i = 0; i < 6 * n; i++) {
@@ -324,11 +338,9 @@ static void T(accelerate)(const arm *a, T(state) *s, int flexed)
         if (kind == FLEXURE) {
             carrier = a->kinds[a->count + k];
             if (flexed) {
-                T(flexure) *f = s->f + carrier;
-                T(copy)(moved, none, 3);
-                T(carry)(f->screw, 1.0, none, moved);
-                T(twist_out)(f->screw, moved, v, w);
-                T(twist_out)(f->screw, moved, p, o);
+                T(see_origin)(s->f + carrier, 1, moved);
+                T(twist_out)(s->f + carrier, moved, v, w);
+                T(twist_out)(s->f + carrier, moved, p, o);
             }
         } else if (kind != RIGID) {
             real one[3], two[3], three[3];
@@ -373,83 +385,37 @@ static void T(accelerate)(const arm *a, T(state) *s, int flexed)
         for (int i = 0; i < 6; i++) {
             wrench[i] += s->inertial[6 * order[step] + i];
         }
-        T(copy)(f->seen, none, 3);
+        T(see_origin)(f, flexed, moved);
         T(bear)(f, wrench);
         if (flexed) {
-            T(copy)(moved, none, 3);
-            T(carry)(f->screw, 1.0, none, moved);
-            T(wrench_in)(f->screw, moved, wrench);
+            T(wrench_in)(f, moved, wrench);
         }
     }
 }
 #endif /* CONTROLLER */
 
-/* Fill the loads on the flexures; gravity and wrenches are turned back instead of turning the arm. */
-static void T(weigh)(const arm *a, T(state) *s, int flexed)
+/* Add loads of wrenches; those that are dead are turned back instead of turning the arm. */
+static void T(push)(const arm *a, T(state) *s, int flexed)
 {
     const whole *order = a->kinds + 2 * a->count;
-    const double *gravity = a->elements + 20 * a->count + 12;
-    whole n = a->flexures;
-    real moved[3], pull[3];
-    for (whole i = 0; i < 3; i++) {
-        pull[i] = T(all)(gravity[i]);
-        moved[i] = T(all)(0.0);
-    }
-    for (whole step = n - 1; step >= 0; step--) {
-        T(flexure) *f = s->f + order[step];
-        real sum[3];
-        for (int i = 0; i < 3; i++) {
-            sum[i] = f->moment[i] + moved[i];
-        }
-        if (flexed) {
-            if (step < n - 1) {
-                T(carry)(s->f[order[step + 1]].screw, a->elements[20 * order[step + 1] + 19], moved, sum);
-            }
-            T(screw_of)(f);
-        }
-        for (int i = 0; i < 3; i++) {
-            f->moved[i] = moved[i] = sum[i];
-        }
-    }
-    for (whole step = 0; step < n; step++) {
-        T(flexure) *f = s->f + order[step];
-        double mass = a->elements[20 * order[step] + 19];
-        real lever[3], moment[3], load[6];
-        if (flexed) {
-            T(lean)(f->screw, -1.0, pull);
-        }
-        for (int i = 0; i < 3; i++) {
-            lever[i] = f->moved[i] - mass * f->origin[i];
-        }
-        T(cross)(lever, pull, moment);
-        for (int i = 0; i < 3; i++) {
-            load[i] = mass * (f->turn[i] * pull[0] + f->turn[3 + i] * pull[1] + f->turn[6 + i] * pull[2]);
-            load[3 + i] = f->turn[i] * moment[0] + f->turn[3 + i] * moment[1] + f->turn[6 + i] * moment[2];
-        }
-        T(copy)(f->load, load, 6);
-    }
-#if !defined(CONTROLLER)
-    if (a->motion != NULL) {
-        T(accelerate)(a, s, flexed);
-    }
-#endif /* CONTROLLER */
     for (whole j = 0; j < a->pushes; j++) {
         whole outmost = a->links[3 * j + 1] - 1;
         int follows = a->links[3 * j + 2] != 0, pulled = (a->pulls != NULL) && (a->pulls[6 * j] > 0.0);
-        real wrench[6], here[3];
+        real wrench[6] = {T(all)(0.0)}, here[3] = {s->points[3 * j], s->points[3 * j + 1], s->points[3 * j + 2]};
         T(copy)(wrench, s->pushes + 6 * j, 6);
-        T(copy)(here, s->points + 3 * j, 3);
         for (whole step = outmost; step >= 0; step--) {
             T(flexure) *f = s->f + order[step];
-            T(copy)(f->seen, here, 3);
+            for (int i = 0; i < 3; i++) {
+                f->seen[i] = here[i] - f->origin[i];
+            }
             if (follows) {
                 T(bear)(f, wrench);
             }
             if (((step > 0) || pulled) && flexed) {
-                T(carry)(f->screw, 1.0, f->seen, here);
+                T(carry)(f, 1.0, f->seen, here);
                 if (follows) {
-                    T(lean)(f->screw, 1.0, wrench);
-                    T(lean)(f->screw, 1.0, wrench + 3);
+                    T(lean)(f, 1.0, wrench);
+                    T(lean)(f, 1.0, wrench + 3);
                 }
             }
         }
@@ -464,8 +430,8 @@ static void T(weigh)(const arm *a, T(state) *s, int flexed)
         for (whole step = 0; (step <= outmost) && !follows; step++) {
             T(flexure) *f = s->f + order[step];
             if (flexed) {
-                T(lean)(f->screw, -1.0, wrench);
-                T(lean)(f->screw, -1.0, wrench + 3);
+                T(lean)(f, -1.0, wrench);
+                T(lean)(f, -1.0, wrench + 3);
             }
             T(bear)(f, wrench);
         }
@@ -515,57 +481,104 @@ static void T(know)(const arm *a, T(state) *s, whole rows, const double *q, whol
     }
 }
 
-/* Add what the neurons of a flexure give under its load. Where each is told nearly what it was told before, what it said
- * is moved on: with t = tanh x and s = tanh d, tanh (x + d) = t + s (1 - t^2) / (1 + s t). */
-static inline void T(fire)(const arm *a, const T(state) *s, whole i, int begin, real *twist)
+#if !defined(CONTROLLER)
+/* Add what the neurons of a flexure give where each is told nearly what it was told when it was asked, by the tangent and
+ * the two terms after it, whose rest is the change to the fourth; return whether that is so. */
+static inline int T(lean_on)(const arm *a, const T(flexure) *f, const neural *own, whole i, real *twist)
 {
     const double *first = a->neurons + 52 * a->starts[i], *last = a->neurons + 52 * a->starts[i + 1];
-    neural at[6], sum[6], none = given(T(all)(0.0));
-    int anew = 1;
-#if !defined(CONTROLLER)
-    neural *hidden = s->hidden + 2 * WIDE / EACH * a->starts[i], *own = hidden;
-#endif /* CONTROLLER */
+    neural by[6], sum[6], none = given(T(all)(0.0)), furthest = none;
     for (int b = 0; b < 6; b++) {
-        at[b] = given(s->f[i].load[b]);
+        by[b] = given(f->load[b] - f->told[b]);
         sum[b] = none;
     }
-    (void)begin;
-#if !defined(CONTROLLER)
-    if (!begin) {
-        neural furthest = none;
-        for (const double *u = first; u < last; u += 52) {
-            for (int j = 0; j < WIDE; j += EACH) {
-                neural told = weight(u + 24 + j), rest = weight(u + 12 + j) * at[3], said = own[1], by, square, turn, twice;
-                for (int b = 0; b < 3; b++) { /* two sums, which do not wait for each other */
-                    told += weight(u + 4 * b + j) * at[b];
-                }
-                for (int b = 4; b < 6; b++) {
-                    rest += weight(u + 4 * b + j) * at[b];
-                }
-                told += rest;
-                by = told - own[0];
-                square = by * by;
-                furthest += square * square;
-                by -= by * square * (1.0 / 3 - square * (2.0 / 15 - square * (17.0 / 315)));
-                turn = by * said;
-                twice = turn * turn;
-                by = (by - turn * said) * (1.0 - turn);
-                said += (by + by * twice) * (1.0 + twice * twice);
-                own[0] = told;
-                own[1] = said;
-                own += 2;
-                for (int b = 0; b < 6; b++) {
-                    sum[b] += weight(u + 28 + 4 * b + j) * said;
-                }
+    for (const double *u = first; u < last; u += 52) {
+        for (int j = 0; j < WIDE; j += EACH) {
+            neural change = weight(u + j) * by[0], rest = weight(u + 12 + j) * by[3], said = own[1], slope, bend;
+            for (int b = 1; b < 3; b++) { /* two sums, which do not wait for each other */
+                change += weight(u + 4 * b + j) * by[b];
+                rest += weight(u + 12 + 4 * b + j) * by[3 + b];
+            }
+            change += rest;
+            slope = 1.0 - said * said;
+            bend = change * (2.0 / 3 - slope) - said;
+            bend = change * bend + 1.0;
+            furthest += change * change;
+            change *= slope;
+            change *= bend;
+            own += 2;
+            for (int b = 0; b < 6; b++) {
+                sum[b] += weight(u + 28 + 4 * b + j) * change;
             }
         }
-        anew = N(exceeds)(furthest, NEAR * NEAR * NEAR * NEAR);
-        own = hidden;
-        for (int b = 0; (b < 6) && anew; b++) {
-            sum[b] = none;
+    }
+    for (int b = 0; b < 6; b++) {
+        twist[b] += f->gave[b] + gathered(sum[b]);
+    }
+    return !N(exceeds)(furthest, CLOSE * CLOSE);
+}
+
+/* The same where each is told not much else: with t = tanh x and s = tanh d, tanh (x + d) = t + s (1 - t^2) / (1 + s t). */
+static inline int T(move_on)(const arm *a, const T(flexure) *f, neural *own, whole i, neural *sum)
+{
+    const double *first = a->neurons + 52 * a->starts[i], *last = a->neurons + 52 * a->starts[i + 1];
+    neural at[6], none = given(T(all)(0.0)), furthest = none;
+    for (int b = 0; b < 6; b++) {
+        at[b] = given(f->load[b]);
+        sum[b] = none;
+    }
+    for (const double *u = first; u < last; u += 52) {
+        for (int j = 0; j < WIDE; j += EACH) {
+            neural told = weight(u + 24 + j), rest = weight(u + 12 + j) * at[3], said = own[1], by, square, turn, twice;
+            for (int b = 0; b < 3; b++) {
+                told += weight(u + 4 * b + j) * at[b];
+            }
+            for (int b = 4; b < 6; b++) {
+                rest += weight(u + 4 * b + j) * at[b];
+            }
+            told += rest;
+            by = told - own[0];
+            square = by * by;
+            furthest += square * square;
+            by -= by * square * (1.0 / 3 - square * (2.0 / 15 - square * (17.0 / 315)));
+            turn = by * said;
+            twice = turn * turn;
+            by = (by - turn * said) * (1.0 - turn);
+            said += (by + by * twice) * (1.0 + twice * twice);
+            own[0] = told;
+            own[1] = said;
+            own += 2;
+            for (int b = 0; b < 6; b++) {
+                sum[b] += weight(u + 28 + 4 * b + j) * said;
+            }
         }
     }
+    return !N(exceeds)(furthest, NEAR * NEAR * NEAR * NEAR);
+}
 #endif /* CONTROLLER */
+
+/* Add what the neurons of a flexure give under its load in a pass of so high a number. */
+static void T(fire)(const arm *a, T(state) *s, whole i, int pass, real *twist)
+{
+    const double *first = a->neurons + 52 * a->starts[i], *last = a->neurons + 52 * a->starts[i + 1];
+    T(flexure) *f = s->f + i;
+    neural at[6], sum[6];
+    int anew = 1;
+#if !defined(CONTROLLER)
+    neural *own = s->hidden + 2 * WIDE / EACH * a->starts[i];
+    real given_[6];
+    T(copy)(given_, twist, 6);
+    if ((pass > 1) && T(lean_on)(a, f, own, i, given_)) {
+        T(copy)(twist, given_, 6);
+        return;
+    }
+    anew = (pass == 0) || !T(move_on)(a, f, own, i, sum);
+#endif /* CONTROLLER */
+    (void)pass;
+    for (int b = 0; (b < 6) && anew; b++) {
+        at[b] = given(f->load[b]);
+        sum[b] = given(T(all)(0.0));
+    }
     for (const double *u = first; (u < last) && anew; u += 52) {
         for (int j = 0; j < WIDE; j += EACH) {
             neural told = weight(u + 24 + j), said;
@@ -584,14 +597,22 @@ static inline void T(fire)(const arm *a, const T(state) *s, whole i, int begin, 
         }
     }
     for (int b = 0; b < 6; b++) {
-        twist[b] += gathered(sum[b]);
+        real gave = gathered(sum[b]);
+        twist[b] += gave;
+#if !defined(CONTROLLER)
+        f->told[b] = f->load[b];
+        f->gave[b] = gave;
+#endif /* CONTROLLER */
     }
 }
 
-/* Fill the twists that the laws give under the loads. */
-static void T(deform)(const arm *a, T(state) *s, int begin)
+/* Fill in `next` the twists that laws give under the loads, but where these were a compliance without coupling. */
+static void T(deform)(const arm *a, T(state) *s, int pass)
 {
     for (whole i = 0; i < a->flexures; i++) {
+        if (s->f[i].apart) {
+            continue;
+        }
         real borne[6], twist[6], drawn[6], counts = T(all)(1.0);
         const real *load = borne;
         whole window = -1;
@@ -602,10 +623,6 @@ static void T(deform)(const arm *a, T(state) *s, int begin)
                 const real *c = law->compliance + 6 * b;
                 twist[b] = law->offset[b] + c[0] * load[0] + c[1] * load[1] + c[2] * load[2] + c[3] * load[3] + c[4] * load[4] + c[5] * load[5];
             }
-        } else if (s->f[i].apart) {
-            for (int b = 0; b < 6; b++) {
-                twist[b] = a->offset[6 * i + b] + a->compliance[36 * i + 7 * b] * load[b];
-            }
         } else {
             for (int b = 0; b < 6; b++) {
                 const double *c = a->compliance + 36 * i + 6 * b;
@@ -613,7 +630,7 @@ static void T(deform)(const arm *a, T(state) *s, int begin)
             }
         }
         if (a->starts[i] < a->starts[i + 1]) {
-            T(fire)(a, s, i, begin, twist);
+            T(fire)(a, s, i, pass, twist);
         }
         for (whole t = a->spans[i]; t < a->spans[i + 1]; t++) {
             const double *bent = a->bent + 43 * t;
@@ -667,8 +684,95 @@ static void T(deform)(const arm *a, T(state) *s, int begin)
                 twist[b] += value * given;
             }
         }
-        T(copy)(begin ? s->f[i].twist : s->f[i].next, twist, 6);
+        T(copy)(s->f[i].next, twist, 6);
     }
+}
+
+/* Go to the twist that a law gives; return the square of the step. Where a row is at rest (0 of `left`, which is given as
+ * long as there is one) it stays. */
+static inline real T(go)(T(flexure) *f, const real *twist, int begin, const real *left)
+{
+    real to[6], by[6];
+    for (int b = 0; b < 6; b++) {
+        to[b] = twist[b];
+        by[b] = begin ? twist[b] : twist[b] - f->twist[b];
+    }
+    for (int b = 0; (b < 6) && (left != NULL); b++) {
+        by[b] *= *left;
+        to[b] = f->twist[b] + by[b];
+    }
+    T(copy)(f->twist, to, 6);
+    return T(squares)(by);
+}
+
+/* Fill the loads on the flexures, gravity turned back instead of turning the arm, or go to the twists that the laws give
+ * under them: return the square of the step. Where it is at rest (0 of `left`, which is given as long as there is such a
+ * row) it stays. */
+static real T(weigh)(const arm *a, T(state) *s, int flexed, int goes, const real *left)
+{
+    const whole *order = a->kinds + 2 * a->count;
+    const double *gravity = a->elements + 20 * a->count + 12;
+    whole n = a->flexures;
+    int pushed = a->pushes > 0;
+    real moved[3], pull[3], size = T(all)(0.0);
+    for (whole i = 0; i < 3; i++) {
+        pull[i] = T(all)(gravity[i]);
+        moved[i] = T(all)(0.0);
+    }
+    for (whole step = n - 1; step >= 0; step--) {
+        T(flexure) *f = s->f + order[step];
+        double mass = a->elements[20 * order[step] + 19];
+        for (int i = 0; i < 3; i++) {
+            moved[i] += f->moment[i];
+            f->lever[i] = moved[i] - mass * f->origin[i];
+        }
+        if (flexed) {
+            T(screw_of)(f);
+            T(carry)(f, mass, f->lever, moved);
+        }
+    }
+#if !defined(CONTROLLER)
+    pushed |= a->motion != NULL;
+#endif /* CONTROLLER */
+    for (whole i = 0; (i < n) && pushed; i++) {
+        for (int b = 0; b < 6; b++) {
+            s->f[i].load[b] = T(all)(0.0);
+        }
+    }
+#if !defined(CONTROLLER)
+    if (a->motion != NULL) {
+        T(accelerate)(a, s, flexed);
+    }
+#endif /* CONTROLLER */
+    T(push)(a, s, flexed);
+    for (whole step = 0; step < n; step++) {
+        whole k = order[step];
+        T(flexure) *f = s->f + k;
+        const double *law = a->compliance + 36 * k, *offset = a->offset + 6 * k;
+        double mass = a->elements[20 * k + 19];
+        real moment[3], load[6];
+        if (flexed) {
+            T(lean)(f, -1.0, pull);
+        }
+        T(cross)(f->lever, pull, moment);
+        for (int i = 0; i < 3; i++) {
+            load[i] = mass * (f->turn[i] * pull[0] + f->turn[3 + i] * pull[1] + f->turn[6 + i] * pull[2]);
+            load[3 + i] = f->turn[i] * moment[0] + f->turn[3 + i] * moment[1] + f->turn[6 + i] * moment[2];
+        }
+        for (int b = 0; (b < 6) && pushed; b++) {
+            load[b] += f->load[b];
+        }
+        if (goes && f->apart) {
+            real twist[6];
+            for (int b = 0; b < 6; b++) {
+                twist[b] = offset[b] + law[7 * b] * load[b];
+            }
+            size += T(go)(f, twist, !flexed, left);
+        } else {
+            T(copy)(f->load, load, 6);
+        }
+    }
+    return size;
 }
 
 /* Leave in `pull` how far the twists move the tip, and in `quaternion` how they turn it. */
@@ -683,9 +787,9 @@ static void T(displace)(const arm *a, T(state) *s)
         real from[3], x, y, z, r = u[0], i = u[1], j = u[2], k = u[3], half, whole_, square;
         T(screw_of)(f);
         for (int b = 0; b < 3; b++) {
-            from[b] = s->tip[b] + s->pull[b];
+            from[b] = s->tip[b] + s->pull[b] - f->origin[b];
         }
-        T(carry)(f->screw, 1.0, from, s->pull);
+        T(carry)(f, 1.0, from, s->pull);
         square = T(dot)(f->twist + 3, f->twist + 3);
         half = 0.5 - square * (1.0 / 48 - square * (1.0 / 3840 - square * (1.0 / 645120)));
         whole_ = 1.0 - square * (1.0 / 8 - square * (1.0 / 384 - square * (1.0 / 46080)));
@@ -710,9 +814,6 @@ static T(state) T(divide)(const arm *a, double *room)
     at += 2 * WIDE * LANES * a->starts[a->flexures];
 #endif /* CONTROLLER */
     s.f = (T(flexure) *)at;
-    for (whole i = 0; i < a->flexures; i++) {
-        s.f[i].apart = 0;
-    }
     s.law = (T(law) *)(s.f + a->flexures);
     s.weights = (real *)(s.law + a->flexures);
     s.factor = s.weights + a->terms;
@@ -729,88 +830,112 @@ static T(state) T(divide)(const arm *a, double *room)
 }
 
 #if !defined(CONTROLLER)
+static inline real T(go_on)(T(state) *s, whole n, int begin, const real *left)
+{
+    real size = T(all)(0.0);
+    for (whole i = 0; i < n; i++) {
+        if (!s->f[i].apart) {
+            size += T(go)(s->f + i, s->f[i].next, begin, left);
+        }
+    }
+    return size;
+}
+
 /* Come to rest by the fixed point; fill (LANES) whether that is so. */
 static void T(solve)(const arm *a, T(state) *s, int exact, unsigned char *fine)
 {
-    real size = T(all)(0.0), before, left;
-    int moving = 0, drawn[LANES] = {0};
-    T(weigh)(a, s, 0);
-    T(deform)(a, s, 1);
-    for (whole i = 0; i < a->flexures; i++) {
-        size += T(dot)(s->f[i].twist, s->f[i].twist) + T(dot)(s->f[i].twist + 3, s->f[i].twist + 3);
-    }
+    whole n = a->flexures;
+    real size, before, left = T(all)(1.0);
+    int moving = 0, held = 0, drawn[LANES] = {0};
+    size = T(weigh)(a, s, 0, 1, NULL);
+    T(deform)(a, s, 0);
+    size += T(go_on)(s, n, 1, NULL);
     for (int c = 0; c < LANES; c++) {
         fine[c] = (AT(size, c) < SMALL) ? 1 : 0;
         AT(left, c) = fine[c];
         moving |= fine[c];
+        held |= !fine[c];
     }
-    before = size;
-    for (whole i = 0; (i < a->flexures) && exact; i++) {
-        for (int b = 0; b < 6; b++) {
-            for (int c = 0; c < LANES; c++) {
-                AT(s->f[i].twist[b], c) = fine[c] ? AT(s->f[i].twist[b], c) : 0.0;
-            }
+    for (whole i = 0; (i < n) && exact && held; i++) {
+        for (int b = 0; b < 6 * LANES; b++) {
+            real *twist = s->f[i].twist + b / LANES;
+            AT(*twist, b % LANES) = fine[b % LANES] ? AT(*twist, b % LANES) : 0.0;
         }
     }
     for (int step = 0; (step < SOFT) && exact && moving; step++) {
-        size = T(all)(0.0);
-        T(weigh)(a, s, 1);
-        T(deform)(a, s, 0);
-        for (whole i = 0; i < a->flexures; i++) {
-            T(flexure) *f = s->f + i;
-            real by[6], twist[6];
-            for (int b = 0; b < 6; b++) {
-                by[b] = (f->next[b] - f->twist[b]) * left;
-                twist[b] = f->twist[b] + by[b];
-            }
-            T(copy)(f->twist, twist, 6);
-            size += (T(dot)(by, by) + T(dot)(by + 3, by + 3));
-        }
-        moving = 0;
-        for (int c = 0; c < LANES; c++) {
-            if (fine[c] && !drawn[c]) {
-                if ((AT(size, c) <= CONVERGED) && (AT(size, c) * AT(size, c) <= NEXT * AT(before, c))) {
-                    drawn[c] = 1;
-                    AT(left, c) = 0.0;
-                } else if (!(AT(size, c) < SMALL)) {
-                    fine[c] = 0;
-                    AT(left, c) = 0.0;
-                } else {
-                    moving = 1;
-                }
-            }
-        }
         before = size;
+        size = T(weigh)(a, s, 1, 1, held ? &left : NULL);
+        T(deform)(a, s, step + 1);
+        size += T(go_on)(s, n, 0, held ? &left : NULL);
+        moving = (step < FEWEST);
+        for (int c = 0; (c < LANES) && (step >= FEWEST); c++) {
+            if (fine[c] && !drawn[c]) {
+                drawn[c] = (AT(size, c) <= CONVERGED) && (AT(size, c) * AT(size, c) <= NEXT * AT(before, c));
+                fine[c] = AT(size, c) < SMALL;
+                AT(left, c) = fine[c] && !drawn[c];
+                moving |= AT(left, c) > 0.0;
+                held |= !(AT(left, c) > 0.0);
+            }
+        }
     }
     size = T(all)(0.0);
-    for (whole i = 0; (i < a->flexures) && exact; i++) {
-        size += T(dot)(s->f[i].twist, s->f[i].twist) + T(dot)(s->f[i].twist + 3, s->f[i].twist + 3);
+    for (whole i = 0; (i < n) && exact; i++) {
+        size += T(squares)(s->f[i].twist);
     }
     for (int c = 0; (c < LANES) && exact; c++) {
         fine[c] = fine[c] && drawn[c] && (AT(size, c) < SMALL);
     }
 }
 
-static void T(write)(const T(state) *s, int c, double *displacement)
+/* Look which flexures have a compliance without coupling and nothing else. */
+static void T(look)(const arm *a, T(state) *s)
+{
+    for (whole i = 0; i < a->flexures; i++) {
+        int apart = (a->varies[i] == 0) && (a->law_rows <= 1) && (a->starts[i] == a->starts[i + 1]) && (a->spans[i] == a->spans[i + 1]);
+        for (int b = 0; (b < 36) && apart; b++) {
+            apart = (b % 7 == 0) || (a->compliance[36 * i + b] == 0.0);
+        }
+        s->f[i].apart = apart;
+    }
+}
+
+/* Write a row's displacement: of a small turn the vector is by the series of asin x / x. */
+static inline void T(write)(const T(state) *s, int c, double *displacement)
 {
     double r = AT(s->quaternion[0], c), i = AT(s->quaternion[1], c), j = AT(s->quaternion[2], c), k = AT(s->quaternion[3], c);
-    double sine = sqrt(i * i + j * j + k * k), times = (sine < 1e-8) ? 2.0 : 2.0 * atan2(sine, r) / sine;
+    double y = i * i + j * j + k * k, times;
+    if ((y < 0.01) && (r > 0.0)) {
+        times = 35.0 / 576 + y * (63.0 / 1408 + y * (231.0 / 6656 + y * (143.0 / 5120 + y * (6435.0 / 278528))));
+        times = 2.0 + y * (1.0 / 3 + y * (3.0 / 20 + y * (5.0 / 56 + y * times)));
+    } else {
+        times = 2.0 * atan2(sqrt(y), r) / sqrt(y);
+    }
     for (int b = 0; b < 3; b++) {
         displacement[b] = AT(s->pull[b], c);
         displacement[3 + b] = times * AT(s->quaternion[1 + b], c);
     }
 }
 
-static whole T(chain)(const arm *a, whole rows, const double *q, int exact, double *displacement, double *loads,
+/* Write numbers of flexures in some rows, whose first is given. */
+static inline void T(write_all)(const real *from, whole each, whole n, int rows, double *to)
+{
+    for (whole i = 0; i < n; i++) {
+        for (int c = 0; c < rows; c++) {
+            for (int b = 0; b < 6; b++) {
+                to[6 * (c * n + i) + b] = AT(from[each * i + b], c);
+            }
+        }
+    }
+}
+
+static whole T(chain)(const arm *a, int ready, whole rows, const double *q, int exact, double *displacement, double *loads,
                       double *twists, unsigned char *fine, double *room)
 {
     T(state) s = T(divide)(a, room);
-    whole n = a->flexures, good = 0;
-    for (whole i = 0; i < n; i++) {
-        s.f[i].apart = (rows > LANES); /* else it is not worth the look */
-        for (int b = 0; (b < 36) && s.f[i].apart; b++) {
-            s.f[i].apart = (b % 7 == 0) || (a->compliance[36 * i + b] == 0.0);
-        }
+    whole n = a->flexures, good = 0, apart = (whole)(sizeof *s.f / sizeof(real));
+    int count;
+    if (!ready) {
+        T(look)(a, &s);
     }
     for (whole first = 0; first < rows; first += LANES) {
         unsigned char some[LANES];
@@ -820,22 +945,18 @@ static whole T(chain)(const arm *a, whole rows, const double *q, int exact, doub
         }
         T(solve)(a, &s, exact, some);
         if (exact && (loads != NULL)) {
-            T(weigh)(a, &s, 1);
+            (void)T(weigh)(a, &s, 1, 0, NULL);
         }
         T(displace)(a, &s);
-        for (int c = 0; (c < LANES) && (first + c < rows); c++) {
-            whole r = first + c;
-            fine[r] = some[c];
+        count = (rows - first < LANES) ? (int)(rows - first) : LANES;
+        for (int c = 0; c < count; c++) {
+            fine[first + c] = some[c];
             good += some[c];
-            T(write)(&s, c, displacement + 6 * r);
-            for (whole i = 0; i < n; i++) {
-                for (int b = 0; b < 6; b++) {
-                    twists[6 * (r * n + i) + b] = AT(s.f[i].twist[b], c);
-                    if (loads != NULL) {
-                        loads[6 * (r * n + i) + b] = AT(s.f[i].load[b], c);
-                    }
-                }
-            }
+            T(write)(&s, c, displacement + 6 * (first + c));
+        }
+        T(write_all)(s.f->twist, apart, n, count, twists + 6 * n * first);
+        if (loads != NULL) {
+            T(write_all)(s.f->load, apart, n, count, loads + 6 * n * first);
         }
     }
     return good;

@@ -78,6 +78,12 @@ class AskedStruct(Structure):
     ]  # fmt: skip
 
 
+class OneStruct(Structure):
+    """`asked_one` of engine.h."""
+
+    _fields_ = [(name, c_void_p) for name in ("arm", "displacement", "twists", "loads", "room")]
+
+
 def address(array: np.ndarray) -> int:
     """Return where an array's numbers are; whoever gives that to C keeps the array."""
     return array.__array_interface__["data"][0]

@@ -168,7 +168,7 @@ def test_factors_that_it_asks_itself_are_those_of_the_laws(tmp_path: Path, seed:
         one = arm.deflection(q, body, method="newton")
         answer = ask(q)
         assert answer is not None
-        displacement, twists, loads = binding.parts_of(answer, 3)
+        displacement, twists, loads = answer
         np.testing.assert_allclose(twists, one.twists, rtol=0, atol=1e-13)
         np.testing.assert_allclose(loads, one.wrenches, rtol=0, atol=1e-9 * np.abs(one.wrenches).max())
         np.testing.assert_allclose(displacement, one.displacement, rtol=0, atol=1e-13)
@@ -251,12 +251,12 @@ def test_what_is_no_number_is_not_fine() -> None:
 
 
 def test_an_edited_source_is_noticed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    (tmp_path / f"engine-0123-{build.BASELINE}{build.SUFFIX}").touch()
+    (tmp_path / f"engine-0123-{build.LEVELS[0]}{build.SUFFIX}").touch()
     monkeypatch.setattr(build, "FOLDER", tmp_path)
     for source in build.SOURCES:
         (tmp_path / source).write_text("int other;")
     with pytest.raises(binding.EngineError, match=r"edited since.* run `python -m armflex\.mechanics\.engine\.build`"):
-        binding._loaded(build.BASELINE)
+        binding._loaded(build.LEVELS[0])
 
 
 def test_a_machine_without_a_compiler_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
