@@ -55,6 +55,9 @@ AS_BEFORE = 0.9
 LINEAR = 0.1
 """Standard uncertainty of an angle [rad] up to which sines are as good as straight."""
 
+FINEST = 1e-9
+"""Standard uncertainty [m, rad] below which it is what is left of others that cancel, and not stated."""
+
 NOTES = {
     "joint_offset": "is added to the controller's reading",
     "dh_standard": "Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta); the position, offset added, adds to theta or to d",
@@ -62,7 +65,7 @@ NOTES = {
     "base": "pose of the first row's frame in the base",
     "tool": "pose of the tip in the last row's frame",
     "target": "the measured point in the tip's frame",
-    "stiffness": "load per deflection along or about one axis, no other load",
+    "stiffness": "load per deflection along or about one axis, no other load; deflections of several at a joint add",
 }
 """Sections of a sheet in their order, and what their numbers are. Turning joints add to theta, sliding ones to d."""
 
@@ -280,7 +283,7 @@ def uncertainties(
     std = np.where(certainty.leaves_open(jacobian[:, None])[:, 0], np.inf, np.sqrt(np.maximum(variance, 0.0)))
     # What no parameter has a part in is as declared, which is not to say that it is sure.
     fitted = {
-        k: float(x) for k, x in zip(values, std, strict=True) if x > (RESOLUTION if k.unit in ("m", "rad") else 0)
+        k: float(x) for k, x in zip(values, std, strict=True) if x > (FINEST if k.unit in ("m", "rad") else 0)
     }
     stds |= fitted
     warnings = []
@@ -312,6 +315,7 @@ def _compliances(arm: Arm) -> dict[Key, tuple[float, Array]]:
 
     Effects that are compliances themselves, whatever else is known of a row, have their part in it. Where one turns
     that has none at no load, play or hysteresis, a number of the others would be far too stiff: see `_unstated`.
+    About a drive's axis a link that ends at the joint and the joint itself give as one.
     """
     twists = [effect for effect in arm.effects if effect.law.act is Act.TWIST and not effect.law.changes_model]
     linear = [
@@ -320,21 +324,27 @@ def _compliances(arm: Arm) -> dict[Key, tuple[float, Array]]:
         if BoundTwist(effect, resolve(effect.location, arm.robot, arm.flexures)).proportional
     ]
     usable = tuple(effect for effect in linear if not needs_columns(arm, effect))
-    joints, compliances = {joint.name: joint for joint in arm.robot.moving}, {}
+    joints = {joint.name: joint for joint in arm.robot.moving}
+    compliances: dict[Key, tuple[float, Array]] = {}
     unstated = [effect.location for effect in _unstated(arm)]
-    for flexure in replace(arm, effects=usable).modelled:
+    modelled = sorted(replace(arm, effects=usable).modelled, key=lambda flexure: flexure.before)
+    driven = {flexure.joint: flexure.name for flexure in modelled if flexure.joint in joints and not flexure.before}
+    for flexure in modelled:
         tangent = flexure.law.tangent(np.zeros(6), Row(arm.robot.home, arm.joint_index))
-        axes = dict(zip(TWIST_NAMES, np.eye(6), strict=True))
-        if flexure.joint in joints and not flexure.before:
-            drive = drive_of(joints[flexure.joint])
+        axes, joint = dict(zip(TWIST_NAMES, np.eye(6), strict=True)), flexure.joint or BASE
+        if joint in driven:
+            drive = drive_of(joints[joint])
             others = {name: axis for name, axis in axes.items() if not np.array_equal(axis, np.abs(drive))}
             axes = {"drive": drive, **others}
         for name, axis in axes.items():
-            compliance, site = float(axis @ tangent @ axis), f"{LINK * flexure.before}{flexure.joint or BASE}"
-            there = (place.axis for place in unstated if place.site == site)
+            series = name == "drive"  # what gives about the drive's axis before and behind it is one stiffness
+            sites = (LINK + joint, joint) if series else (f"{LINK * flexure.before}{joint}",)
+            there = (place.axis for place in unstated if place.site in sites)
+            compliance = float(axis @ tangent @ axis)
             if compliance > 0.0 and not any(at is None or axis[TWIST_NAMES.index(at)] for at in there):
                 unit = "Nm/rad" if axis[3:].any() else "N/m"
-                compliances[Key("stiffness", flexure.name, name, unit)] = compliance, axis
+                key = Key("stiffness", driven[joint] if series else flexure.name, name, unit)
+                compliances[key] = compliance + compliances.get(key, (0.0, axis))[0], axis
     return compliances
 
 
@@ -356,7 +366,7 @@ def _table(values: Mapping[Key, float], std: Mapping[Key, float]) -> str:
     """Return the sheet as CSV; a cell of what is not known is empty."""
     rows: list[tuple[str, ...]] = [(*Key._fields[:3], "value", "std", "unit", "value_deg", "std_deg", "note")]
     for key, value in values.items():
-        cells = [repr(value), repr(std[key]) if key in std else ""]
+        cells = [repr(value if abs(value) > RESOLUTION else 0.0), repr(std[key]) if key in std else ""]
         degrees = [repr(float(np.degrees(float(cell)))) if cell and key.unit == "rad" else "" for cell in cells]
         rows.append((*key[:3], *cells, key.unit, *degrees, NOTES[key.section]))
     return csv_text(rows)

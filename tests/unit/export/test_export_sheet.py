@@ -199,11 +199,24 @@ def test_stiffness_is_that_of_the_drive_and_across_it(tmp_path: Path) -> None:
     assert own["ry"][0] == pytest.approx(1.0 / compliance[4, 4]) and set(own) == {"ry", "rz"}
 
 
-def test_a_compliance_that_was_traced_softens_the_drive(tmp_path: Path) -> None:
+@pytest.mark.parametrize("site", ["j", "link:j"])
+def test_a_compliance_that_was_traced_softens_the_drive(tmp_path: Path, site: str) -> None:
+    """Also where it is of the link that ends at the joint: about the drive's axis both give as one."""
     arm = one_joint(tmp_path, np.diag([0.0] * 4 + [1e-6, 0.0]), (0.5, 0, 0))
-    more = Effect(CATALOGUE["compliance"], Location("j", "ry"), (3e-6, *[0.0] * 6))
-    assert Sheet(export(replace(arm, effects=(more,))).text).value["stiffness", "j", "drive"] == pytest.approx(2.5e5)
+    more = Effect(CATALOGUE["compliance"], Location(site, "ry"), (3e-6, *[0.0] * 6))
+    value = Sheet(export(replace(arm, effects=(more,))).text).value
+    assert {key[1:]: number for key, number in value.items() if key[0] == "stiffness"} == {
+        ("j", "drive"): pytest.approx(2.5e5)
+    }
     assert isinstance(arm.flexures[0].law, LinearLaw)
+
+
+def test_what_is_rounding_is_nought(tmp_path: Path) -> None:
+    """A right angle about z and back leaves lengths of 1e-17 m in the rows."""
+    parts = [link("l0"), joint("a", "l0", "l1", (0.3, 0, 0.1), rpy=(np.pi / 2, 0, 0)), link("l1", 1.0)]
+    parts += [joint("b", "l1", "l2", (0.1, 0.3, 0), rpy=(-np.pi / 2, np.pi, np.pi / 2)), link("l2", 1.0)]
+    numbers = Sheet(export(arm_of(tmp_path, parts, "l2", {})).text).value.values()
+    assert all(number == 0.0 or abs(number) > 1e-9 for number in numbers)
 
 
 def test_names_are_text(tmp_path: Path) -> None:
