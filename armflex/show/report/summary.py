@@ -4,7 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from armflex.laws.effects.link_mass import LINK_MASS
+from armflex.laws.effects.location import link_of
 from armflex.readings import Readings
+from armflex.robot import Robot
+from armflex.robot.urdf import MOVING
 from armflex.show.report.accuracy import Accuracy
 from armflex.show.report.words import called, change, joined, measure, millimetres, short, site_words, units_of, words
 from armflex.trace.findings import Found, Smallest, Trace, Unexplained
@@ -65,6 +69,8 @@ def further(trace: Trace) -> list[str]:
     said += [_alike(identified) for identified in trace.named if identified.equivalent]
     said += [unsettled(effect) for effect in trace.unsettled]
     for found in trace.found:
+        if found.effect.law is LINK_MASS:
+            said.append(_of_link(found, trace.state.fit.setup.arm.robot))
         if when := found.effect.another_day:
             said.append(f"On another day, of {called(found.effect, found.number)}: {when}.")
     if trace.common:
@@ -86,6 +92,18 @@ def further(trace: Trace) -> list[str]:
     elif not 0.8 < trace.noise < 1.2:
         said.append(f"The readings scatter {short(trace.noise)} times as much as their stated noise.")
     return said if trace.found or not trace.smallest else [*said, _smallest(trace.smallest, readings)]
+
+
+def _of_link(found: Found, robot: Robot) -> str:
+    """Return which link a correction of its mass is of, by the joint that moves it and where its mass is stated.
+
+    The link is named by the joint at its end; the row of a table that has its mass is that of the joint before.
+    """
+    link = robot.urdf.links[link_of(found.effect.location.site, robot)]
+    joint = robot.urdf.parents.get(link.name)
+    moved = f", which {joint.name} moves" if joint and joint.kind in MOVING else ""
+    declared = f"{link.inertial.mass:.4g} kg at {link.inertial.place}" if link.inertial else "none"
+    return f"{found.title} is of the link {link.name}{moved}. Its declared mass: {declared}."
 
 
 def _alike(identified: Found) -> str:

@@ -15,6 +15,9 @@ from armflex import predict, read_measurements, trace
 from armflex.cli.trace_command import as_json, print_trace
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.estimate.tip_uncertainty import tip_covariance
+from armflex.laws.effects.catalogue import CATALOGUE
+from armflex.laws.effects.effect import Effect
+from armflex.laws.effects.location import Location
 from armflex.measured.points import read_points
 from armflex.show.report.summary import further, headline
 from armflex.show.report.words import called
@@ -118,6 +121,14 @@ def test_what_is_no_likelier_than_all_else_that_it_may_be_has_no_name(ran, capsy
     assert "Effects identified" not in told and "In the arm, but not settled" in told
     assert [each["named"] for report in (doubted, found) for each in as_json(report)["effects"]] == [False, True]
     assert headline(found).startswith("Identified: ") and "Not settled" not in " ".join(further(found))
+
+
+def test_a_mass_is_of_the_link_that_the_joint_before_moves(ran) -> None:
+    found = ran[2]
+    before, joint = found.state.fit.setup.arm.robot.moving[2:4]
+    mass = Effect(CATALOGUE["link_mass"], Location(f"link:{joint.name}"), (5.0, 0.0, 0.0, 0.0))
+    said = further(dataclasses.replace(found, found=(dataclasses.replace(found.found[0], effect=mass),)))
+    assert any(f"is of the link {joint.parent}, which {before.name} moves. Its declared mass:" in text for text in said)
 
 
 def test_what_no_row_determines_by_itself_has_no_name(ran) -> None:
