@@ -250,6 +250,13 @@ class Trajectory(Result):
             gone.append(fine + (fine - coarse) / 3.0)  # an arc is longer than its chords by a share of their square
         return np.cumsum(np.concatenate(gone))
 
+    def speed_shares(self, arm: Arm) -> Array:
+        """Return the (N - 1, nq) speeds from row to row, by their times or as rows state them, over the joints' limits."""
+        speeds = np.abs(np.diff(self.q, axis=0)) / np.diff(self.time)[:, None]
+        if self.v is not None:
+            speeds = np.max([speeds, np.abs(self.v[:-1]), np.abs(self.v[1:])], axis=0)
+        return speeds / np.array([joint.velocity for joint in arm.robot.moving])
+
     def where(self, i: int) -> str:
         """Return what row i is called in an error, after its place in a file."""
         place, via = f"{self.places[i]}: " if self.places else "", f" ({self.via[i]})" if self.via[i] else ""

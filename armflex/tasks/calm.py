@@ -329,8 +329,7 @@ def _left(motion: CalmMotion) -> tuple[Flag, ...]:
 
 def _beyond(arm: Arm, path: Trajectory, given: _MotionRows, rows: list[_MotionRows]) -> Iterator[Flag]:
     """Yield flags about a motion: beyond a speed limit as before, and a load that swings however it is timed."""
-    speeds = [np.abs(np.diff(_as_path(path, piece).q, axis=0)) / np.diff(piece.time)[:, None] for piece in rows]
-    shares = np.vstack(speeds).max(axis=0) / np.array([joint.velocity for joint in arm.robot.moving])
+    shares = np.vstack([_as_path(path, piece).speed_shares(arm) for piece in rows]).max(axis=0)
     name, fast = f"the motion to {given.via[-1]}" if given.via[-1] else "a motion", int(np.argmax(shares))
     if shares[fast] > 1.0 + LEAST:
         text = f"{name} drives {arm.joint_names[fast]} at {shares[fast]:.3g} times its speed limit, as the path has it"

@@ -230,7 +230,7 @@ def check(
     held_only = trajectory.target is not None and angle is None and len(arm.joint_names) >= 6  # a pose takes six
     turned = turned_further(*turns.tolist()) if held_only else ()
     sprung = _payload_changes(trajectory, segments)
-    flags = (*doubts, *held, *derived, *met.values(), *turned, *sprung)
+    flags = (*doubts, *held, *derived, *met.values(), *turned, *sprung, *_too_fast(arm, trajectory))
     named = [i for i, row in enumerate(rows) if row.name and not row.reason]
     possible = named or [i for i, row in enumerate(rows) if not row.reason]
     relative = _relative(certain, trajectory, np.array(possible, dtype=int), method) if arm.certainty else None
@@ -259,6 +259,19 @@ def _payload_changes(trajectory: Trajectory, segments: Sequence[Point]) -> Itera
             text = f"at {time:g} s the payload changes from {carried} to {after or 'none'}; until there the path has"
             text += f" {carried}, with which it is {off} mm off there"
             yield Flag("payload_change", text)
+
+
+def _too_fast(arm: Arm, trajectory: Trajectory) -> Iterator[Flag]:
+    """Yield a flag where joints are faster than their limits by the times of the rows, which no verdict is about."""
+    shares = trajectory.speed_shares(arm)
+    if not (fast := np.flatnonzero((shares > 1.0 + ROUNDING).any(axis=1))).size:
+        return
+    row, joint = (int(index) for index in np.unravel_index(int(np.argmax(shares)), shares.shape))
+    moving, (start, end) = arm.robot.moving[joint], trajectory.time[row : row + 2].tolist()
+    limit = f"its speed limit of {moving.velocity:.4g} {'m' if moving.kind == 'prismatic' else 'rad'}/s"
+    text = f"from {start:.6g} to {end:.6g} s {moving.name} moves at {shares[row, joint]:.3g} times {limit}"
+    more = f", and joints are too fast in {len(fast)} of {len(shares)} stretches" if len(fast) > 1 else ""
+    yield Flag("speed_limit", f"{text}{more}: the arm would be later than the path has it")
 
 
 def _with_target(arm: Arm, trajectory: Trajectory, against: Trajectory | None) -> tuple[Trajectory, tuple[Flag, ...]]:

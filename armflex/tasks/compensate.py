@@ -235,8 +235,7 @@ def _flags_about(arm: Arm, commanded: Trajectory, moved: Trajectory, rows: Seque
             text = f"{change} the tip springs by {jump}; {between} it is off by up to as much"
             yield Flag("payload_change", f"{text}, which the error halfway between rows leaves out")
     if len(moved) > 1:
-        limits = np.array([joint.velocity for joint in arm.robot.moving])
-        given, share = (np.abs(np.diff(t.q, axis=0)) / np.diff(t.time)[:, None] / limits for t in (commanded, moved))
+        given, share = commanded.speed_shares(arm), moved.speed_shares(arm)
         # A path that was too fast before is not held against the compensation.
         worse = np.where(share > 1.001 * np.maximum(given, 1.0), share, 0.0)
         segment, joint = np.unravel_index(int(np.argmax(worse)), worse.shape)

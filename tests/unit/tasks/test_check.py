@@ -379,6 +379,20 @@ def test_a_drive_beyond_its_limit_is_flagged(tarm, tarm_path):
     assert "beyond_effort" not in {flag.code for flag in check(tarm, tarm_path, 1.0).flags}
 
 
+def test_joints_faster_than_their_limits_are_flagged_by_the_times_or_speeds_of_rows(tmp_path: Path) -> None:
+    """One stretch of 0.1 s at twice the limit; then one at half of it whose rows state a speed beyond it."""
+    arm = one_joint(tmp_path, np.zeros((6, 6)), (0.5, 0, 0))
+    limit = arm.robot.moving[0].velocity
+    q = limit * np.array([[0.0], [0.2], [0.25]])
+    path = Trajectory(arm.joint_names, np.array([0.0, 0.1, 0.2]), q, ("none",) * 3, ("a", "", "b"))
+    (flag,) = [flag for flag in check(arm, path, 1e-3).flags if flag.code == "speed_limit"]
+    assert flag.text.startswith(f"from 0 to 0.1 s {arm.joint_names[0]} moves at 2 times its speed limit of {limit:g} ")
+    stated = replace(path, q=q / 4.0, v=np.full((3, 1), 1.5 * limit), a=np.zeros((3, 1)))
+    assert "at 1.5 times" in next(flag.text for flag in check(arm, stated, 1e-3).flags if flag.code == "speed_limit")
+    slow = replace(path, time=10.0 * path.time)
+    assert "speed_limit" not in {flag.code for flag in check(arm, slow, 1e-3).flags}
+
+
 @pytest.mark.filterwarnings("ignore:tolerance:armflex.ArmflexWarning")
 def test_rotation_is_ranked_and_blamed_where_it_is_worse(tarm, tarm_path):
     report = check(tarm, tarm_path, 10.0, angle=0.01)
