@@ -251,7 +251,7 @@ class Trajectory(Result):
         return np.cumsum(np.concatenate(gone))
 
     def speed_shares(self, arm: Arm) -> Array:
-        """Return the (N - 1, nq) speeds from row to row, by their times or as rows state them, over the joints' limits."""
+        """Return (N - 1, nq) speeds from row to row, by their times or as rows state them, over the joints' limits."""
         speeds = np.abs(np.diff(self.q, axis=0)) / np.diff(self.time)[:, None]
         if self.v is not None:
             speeds = np.max([speeds, np.abs(self.v[:-1]), np.abs(self.v[1:])], axis=0)

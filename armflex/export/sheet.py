@@ -282,9 +282,7 @@ def uncertainties(
     variance = np.einsum("dp,pq,dq->d", jacobian, certainty.covariance, jacobian, optimize=True)
     std = np.where(certainty.leaves_open(jacobian[:, None])[:, 0], np.inf, np.sqrt(np.maximum(variance, 0.0)))
     # What no parameter has a part in is as declared, which is not to say that it is sure.
-    fitted = {
-        k: float(x) for k, x in zip(values, std, strict=True) if x > (FINEST if k.unit in ("m", "rad") else 0)
-    }
+    fitted = {k: float(x) for k, x in zip(values, std, strict=True) if x > (FINEST if k.unit in ("m", "rad") else 0)}
     stds |= fitted
     warnings = []
     prior = np.array(

@@ -6,6 +6,7 @@ fit, which lists it. The two differ in size, by a factor of a thousand against a
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -48,6 +49,16 @@ TURN_OFF = 0.3
 
 SEAM = 1e-3
 """Tolerance: rounding at the ends of one turn [rad]."""
+
+MATRIX = "r11 r12 r13 r21 r22 r23 r31 r32 r33"
+TURNS_BY = ("roll pitch yaw", "heading pitch roll", "a b c", "w p r", "rx ry rz", "omega phi kappa", MATRIX)
+"""Names of the numbers of an orientation: angles as rolls, of a ship, of KUKA and Fanuc, as axes, of a camera."""
+
+PART_OF_TURN = re.compile(r"(?P<stem>.*?)[ _.-]*(?P<axis>[wxyz])")
+TURNED = re.compile(r"(?:r|rot(?:ation)?|rvec|rotvec|euler|ori(?:ent(?:ation)?)?|rpy|theta|attitude|angle)")
+"""What stands before x y z where they are an orientation."""
+
+BEHIND = re.compile(r"\s*[\[(].*|_(?:deg|rad|mrad)$")
 
 GAP_BY_CHANCE = 1e-3
 """Confidence: probability below which a gap in a column is no chance of where poses were."""
@@ -188,6 +199,31 @@ def unit_flags(table: Table, arm: Arm) -> tuple[Flag, ...]:
     most = f"{np.abs(written).max():.3g}"
     text = f"no joint is beyond {most} deg, and as radians all are within their limits: radians? Then take _deg from"
     return (Flag("radians", f"{Place(table.path, 1)}: {text} the headers of {names[0]} .. {names[-1]}"),)
+
+
+def unread_orientation(columns: Mapping[str, object]) -> list[str]:
+    """Return those of some columns by name that are an orientation as others write it, most likely; none where none is.
+
+    Angles and a matrix are known by their names, a quaternion by four names and its length.
+    """
+    bare = {BEHIND.sub("", name.strip().lower()): name for name in columns}
+    for names in (words.split() for words in TURNS_BY):
+        if bare.keys() >= set(names):
+            return [bare[name] for name in names]
+    stems: dict[str, dict[str, str]] = {}
+    for key, name in bare.items():
+        if match := PART_OF_TURN.fullmatch(key):
+            stems.setdefault(match["stem"], {})[match["axis"]] = name
+    for stem, parts in stems.items():
+        if set(parts) == set("wxyz"):
+            squares = [
+                np.square(values) for values in map(columns.get, parts.values()) if isinstance(values, np.ndarray)
+            ]
+            if len(squares) == 4 and np.isclose(sum(squares), 1.0, atol=0.04).all():
+                return [parts[axis] for axis in "xyzw"]
+        elif set(parts) == set("xyz") and TURNED.fullmatch(stem):
+            return [parts[axis] for axis in "xyz"]
+    return []
 
 
 def in_other_units(q: Array, arm: Arm) -> np.ndarray:

@@ -29,6 +29,7 @@ from armflex.measured.data_flags import (
     table_flags,
     turned_back,
     unit_flags,
+    unread_orientation,
 )
 from armflex.measured.forces import (
     FORCE_KINDS,
@@ -651,14 +652,23 @@ def _sensor_flags(measurements: Measurements, arm: Arm, table: Table) -> Iterato
             hint = f", did you mean {like[0]!r}?" if len(columns) == 1 and len(like) == 1 else ""
             text = f"[instrument.{name}] is declared, and no column reads it ({listing(columns)})"
             yield Flag("instrument_unread", text + hint)
-    for name in measurements.covariates:
+    readings = measurements.readings
+    asked = readings.of(Position) and not readings.of(Orientation)
+    if turn := unread_orientation(measurements.covariates) if asked else []:
+        text = (
+            f"columns {listing(turn)} are read as covariates: an orientation is rx, ry, rz (a rotation vector, in rad"
+        )
+        text += " or rx_deg ..) with sigma_r; `armflex intake` writes it of qw, qx, qy, qz and of roll, pitch, yaw"
+        yield Flag("orientation_unread", text)
+    others = {name: values for name, values in measurements.covariates.items() if name not in turn}
+    for name in others:
         base, _, axis = name.rpartition("_")
-        if axis == "x" and base and f"{base}_y" in measurements.covariates:
+        if axis == "x" and base and f"{base}_y" in others:
             text = f"columns {name} and {base}_y are covariates: if an instrument reads them, declare"
             yield Flag("instrument_undeclared", f"{text} [instrument.{base}]")
     needed = {column for effect in arm.effects for column in effect.location.covariates}
     alike: dict[str, list[str]] = {}
-    for name, values in measurements.covariates.items():
+    for name, values in others.items():
         base, _, unit = name.rpartition("_")
         stem = base[:-2] if base.endswith(("_x", "_y", "_z")) else base
         is_read = base and unit in READ_IN and not stem.lower().startswith(TEMPERATURES)

@@ -127,3 +127,28 @@ def test_play_shows_across_approaches_only(heavy: Arm, tmp_path: Path) -> None:
     told = repeats(moved)
     np.testing.assert_allclose(told.same_approach.sigma, 1e-4 * np.array([1, 2, 3]), rtol=0.25)
     assert (told.same_session.sigma > 1e-3).all() and told.same_approach.freedom == 120
+
+
+@pytest.mark.parametrize(
+    ("columns", "unit_length"),
+    [("qw qx qy qz", True), ("o_w o_x o_y o_z", True), ("roll_deg pitch_deg yaw_deg", False), ("A B C", False),
+     ("euler_x euler_y euler_z", False), ("r11 r12 r13 r21 r22 r23 r31 r32 r33", False)],
+)  # fmt: skip
+def test_an_orientation_in_other_forms_is_said_with_the_form_that_is_read(
+    heavy: Arm, tmp_path: Path, columns: str, unit_length: bool
+) -> None:
+    """Four numbers of another length are no orientation, and three of four are none either."""
+    names, rng = columns.split(), np.random.default_rng(8)
+    turns = rng.normal(size=(12, len(names)))
+    turns /= np.linalg.norm(turns, axis=1, keepdims=True)
+
+    def told(size: float, count: int = 9) -> list[str]:
+        rows = campaign(12)
+        for row, turn in zip(rows, size * turns, strict=True):
+            row |= dict(zip(names[:count], turn.tolist(), strict=False))
+        flags = read_measurements(written(tmp_path, rows), heavy).flags
+        return [flag.text for flag in flags if flag.code == "orientation_unread"]
+
+    (text,) = told(1.0)
+    assert "rx, ry, rz (a rotation vector" in text and all(name in text for name in names)
+    assert bool(told(3.0)) is not unit_length and not told(1.0, len(names) - 1)
