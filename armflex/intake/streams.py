@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import pairwise
 
@@ -38,6 +38,9 @@ TRIED = 40
 
 DISPUTED = 6.0
 """Tolerance: so many times their scatter two places of a target are apart that are not one: a swing is within four."""
+
+MOST_SOURCES = 4
+"""So many of one place are told apart."""
 
 TURNS = 0.03
 """Tolerance: a joint that turned by so much [rad] moved its target by more than a digit of its place."""
@@ -156,8 +159,9 @@ def contradiction(time: Array, values: Array) -> int | None:
 def two_sources(time: Array, values: Array, unit: str) -> tuple[int, int] | None:
     """Return two of (N, d) samples in `unit` that two sources must have written; None where one wrote all.
 
-    In most spans of time in which nothing else moves values change to and fro between two that are further apart than
-    `DISPUTED` times the scatter about them, and than neighbours of a coarse encoder or of few digits, or its dither.
+    In most spans of time in which nothing else moves values change to and fro between two, or among up to
+    `MOST_SOURCES`, that are further apart than `DISPUTED` times the scatter about them, and than neighbours of a coarse
+    encoder or of few digits, or its dither.
 
     Args:
         time: (N,) [s], in any order.
@@ -171,21 +175,40 @@ def two_sources(time: Array, values: Array, unit: str) -> tuple[int, int] | None
     spans = np.split(order, np.flatnonzero(np.diff(np.floor(time[order] / STANDS))) + 1)
     for rows in spans if len(order) else ():
         moved = values[rows] - values[rows].mean(axis=0)
-        along = moved @ np.linalg.svd(moved, full_matrices=False)[2][0]
-        steps = np.sort(along)
-        widest = int(np.diff(steps).argmax()) if len(rows) > 1 else 0
-        upper = along > steps[widest]
-        if min(np.count_nonzero(upper), np.count_nonzero(~upper)) < TIMES:
+        if not (splits := list(_split(moved))):
             still += bool(np.abs(moved).max() < STILL[unit])
             continue
-        means = [moved[~upper].mean(axis=0), moved[upper].mean(axis=0)]
-        scatter = float(np.sqrt(((moved - np.where(upper[:, None], means[1], means[0])) ** 2).sum(axis=1).mean()))
+        scatter = np.inf
+        for source in splits:
+            means = np.array([moved[source == i].mean(axis=0) for i in range(int(source.max()) + 1)])
+            scatter = float(np.sqrt(((moved - means[source]) ** 2).sum(axis=1).mean()))
+            apart = np.abs(means[:, None] - means)[np.triu_indices(len(means), 1)]
+            turns = np.flatnonzero(np.diff(source))
+            far = np.linalg.norm(apart, axis=1).min() > max(DISPUTED * scatter, 0.1 * STILL[unit])
+            if len(turns) >= TIMES and far and (apart > 1.5 * digits).any(axis=1).all():
+                pairs.append((int(rows[turns[0]]), int(rows[turns[0] + 1])))
+                break
         still += scatter < STILL[unit]
-        apart, turns = np.abs(means[1] - means[0]), np.flatnonzero(np.diff(upper.astype(int)))
-        far = np.linalg.norm(apart) > max(DISPUTED * scatter, 0.1 * STILL[unit])
-        if len(turns) >= TIMES and far and (apart > 1.5 * digits).any():
-            pairs.append((int(rows[turns[0]]), int(rows[turns[0] + 1])))
     return pairs[0] if len(pairs) >= max(TIMES, still / 2) else None
+
+
+def _split(moved: Array) -> Iterator[np.ndarray]:
+    """Yield (N,) which of 2, 3 .. groups each of (N, d) values is in: that which scatters most is cut at its widest gap.
+
+    It ends where a group would have fewer than `TIMES`.
+    """
+    source = np.zeros(len(moved), dtype=int)
+    for number in range(1, MOST_SOURCES):
+        squares = [((moved[source == i] - moved[source == i].mean(axis=0)) ** 2).sum() for i in range(number)]
+        rows = np.flatnonzero(source == int(np.argmax(squares)))
+        along = moved[rows] @ np.linalg.svd(moved[rows] - moved[rows].mean(axis=0), full_matrices=False)[2][0]
+        steps = np.sort(along)
+        upper = along > steps[int(np.diff(steps).argmax())] if len(rows) > 1 else np.zeros(len(rows), dtype=bool)
+        if min(np.count_nonzero(upper), np.count_nonzero(~upper)) < TIMES:
+            return
+        source = source.copy()
+        source[rows[upper]] = number
+        yield source
 
 
 def unwrapped(values: Array) -> Array:

@@ -495,6 +495,14 @@ def test_two_sources_of_a_place_are_an_error(
         intake(paths, 5e-5)
 
 
+@pytest.mark.parametrize("places", [[[0, 0, 0], [2, 0, 0], [0, 3, 0]], [[0, 0, 0], [0, 0, 5], [0, 0, -5], [4, 0, 0]]])
+def test_three_sources_of_a_place_and_more_are_an_error(tmp_path: Path, places: list[list[float]]) -> None:
+    shifted = MM + np.array(places)[np.random.default_rng(1).integers(len(places), size=len(MM))]
+    rows = [f"{t:.3f},{x:.4f},{y:.4f},{z:.4f}" for t, (x, y, z) in zip(TT, shifted, strict=True)]
+    with pytest.raises(InputError, match=r"is at .* m at .* s here and .* at .* s, .* mm apart, to and fro"):
+        intake([log(tmp_path), export(tmp_path, rows)], 5e-5)
+
+
 @pytest.mark.parametrize("step", [0.008, 0.1])
 def test_two_publishers_of_a_joint_are_an_error(tmp_path: Path, step: float) -> None:
     zeros = [("/joint_states", t + 3e-3, list(NAMES), [0.0] * 3) for t in np.arange(0.0, T[-1], step).tolist()]
