@@ -1,7 +1,7 @@
 """What each column of a file is: a joint, a coordinate, a name, a time, or something else that is kept."""
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -36,12 +36,18 @@ SETS = tuple(
 Joints of Yaskawa and Universal Robots, base to tip, and places to the east, north and up.
 """
 
-OF_ANOTHER = (
-    r"(?!(?:\w*[\W_])?(?:tau|torques?|efforts?|moments?|loads?|forces?|currents?|amps?|voltages?|power|pwm|temp\w*|speeds?"
+ANOTHER = (
+    r"(?:tau|torques?|efforts?|moments?|loads?|forces?|currents?|amps?|voltages?|power|pwm|temp\w*|speeds?"
     r"|vel\w*|d?q?d|acc\w*|err\w*|dev\w*|delta|diff|lag|limits?|lower|upper|min|max|state|status|mode|brakes?|cmd"
-    r"|command\w*|targets?|set\w*|desired|soll|ref\w*)[\W_])"
+    r"|command\w*|targets?|set\w*|desired|soll|ref\w*)"
 )
-"""What does not stand before the name of a joint in the column of its position: a torque, a temperature, a command."""
+"""What is no position of a joint in the name of a column: a torque, a temperature, a command."""
+
+OF_ANOTHER = rf"(?!(?:\w*[\W_])?{ANOTHER}[\W_])"
+"""What does not stand before the name of a joint in the column of its position."""
+
+SHORT = r"(?:jt?|a|q|ax|axis|axe|joint|achse|gelenk|eje|asse|giunto|軸|轴|关节|関節|theta|th|θ)"
+"""How joints are called that are only numbered."""
 
 PLACED_WORD = r"(?:act(?:ual)?|ist|pos(?:ition)?|angle|winkel|meas(?:ured)?|mess(?:wert)?|mes(?:ur[ée]e?)?|gemessen)"
 JOINTS: tuple[tuple[str, str], ...] = (
@@ -55,9 +61,8 @@ JOINTS: tuple[tuple[str, str], ...] = (
     (rf"(?:{OF_ANOTHER}\w+\.)*(?P<short>rax_[1-6])", "deg"),
     (r"(?:q|posj|jpos|joints?)\[(?P<listed>\d+)\]", ""),
     (
-        rf"(?:{OF_ANOTHER}\w+\.)?(?:{PLACED_WORD}[ _.-])?"
-        r"(?P<short>(?:jt?|a|q|ax|axis|axe|joint|achse|gelenk|eje|asse|giunto|軸|轴|关节|関節|theta|th|θ)[ _.]?\d{1,2})"
-        rf"(?:[ _.]{PLACED_WORD})?",
+        rf"(?:{OF_ANOTHER}(?!{SHORT}[ _]?\d+\.)\w+\.)?(?:{PLACED_WORD}[ _.-])?"
+        rf"(?P<short>{SHORT}[ _.]?\d{{1,2}})(?:[ _.]{PLACED_WORD})?",
         "",
     ),
     (rf"{OF_ANOTHER}(?P<name>(?:[^\W\d]\w*_)?joint_?[a-z]?\d{{1,2}})(?:[ _.]{PLACED_WORD})?", ""),
@@ -187,6 +192,9 @@ OPERATORS = re.compile(r"[-+*/^|()±×·−–&~'′]+|\s(?:plus|minus|mal|times
 FUNCTIONS = ("abs", "cos", "minus", "neg", "rad2deg", "deg2rad", "sin", "sum", "tan")
 APPLIED = re.compile(rf"(?:{'|'.join(FUNCTIONS)})\s*\(.*\)", re.IGNORECASE)
 """How a column is written that is computed of joints: `A2+A3`, `J1*2`, `sin(J1)`."""
+
+AMID = re.compile(rf"(?:.*[\W_])?{ANOTHER}(?:[\W_].*)?", re.IGNORECASE)
+"""What is no position, wherever the word stands in a name."""
 
 COUNTED = re.compile(r"\d+")
 """What stands in brackets at the end of a name that is counted so, `j[1]`, and is no unit."""
@@ -358,7 +366,35 @@ def combined(
         if missing := [name for name in names if name not in there]:
             text = f"{source.path}: column {column!r} is computed of joints, expected a column of {missing[0]} alone:"
             wrong.append(f"{text} compute that, or --take '{column}=unused' where no such joint is")
-    return wrong
+    rest = [meaning for meaning in meant if meaning.column not in (*computed, *taken)] if not source.part else []
+    return wrong + [text for name, known in _missing(there, joints) for text in _stand_ins(source, rest, name, known)]
+
+
+def _missing(there: Collection[str], joints: Sequence[str]) -> Iterator[tuple[str, Collection[str]]]:
+    """Yield each joint that is not among some of an arm's, and the names of all of these: the robot's, or numbered."""
+    if not set(joints).isdisjoint(there):
+        yield from ((joint, joints) for joint in joints if joint not in there)
+        return
+    matches = [match for match in (re.fullmatch(r"(\D*)(\d{1,2})", name) for name in there) if match]
+    for stem in dict.fromkeys(match[1] for match in matches):
+        counted = {int(match[2]) for match in matches if match[1] == stem}
+        series = [f"{stem}{n}" for n in range(len(counted) + 2)]
+        yield from ((series[n], series) for n in range(1, len(series) - 1) if n not in counted and n + 1 in counted)
+
+
+def _stand_ins(source: SourceTable, rest: Sequence[Meaning], name: str, known: Collection[str]) -> Iterator[str]:
+    """Yield what is wrong with columns that have the name of a joint in theirs which has no column: `J2_J3_deg`."""
+    stem, number = re.fullmatch(r"(.*?)(\d*)", name).groups()  # pyright: ignore[reportOptionalMemberAccess]
+    numbered = rf"(?:{re.escape(stem)}|{SHORT})[ _.]?(?:\d[ _.]?)*{number}(?!\d)"
+    inside = re.compile(rf"(?<![^\W\d_])(?:{numbered if number else re.escape(name)})", re.IGNORECASE)
+    for meaning in rest:
+        text, unit = _with_unit(meaning.column.strip())
+        placed = unit is None or unit.lower() in ANGLE_UNITS | LENGTHS
+        other = meaning.kind == "covariate" or (meaning.kind == "joint" and meaning.name not in known)
+        if other and placed and inside.search(text) and not AMID.fullmatch(text):
+            told = f"{source.path}: joint {name} has no column, and {meaning.column!r} may be it, or computed of it"
+            taken = f"--take '{meaning.column}=q_{name}_UNIT', or '{meaning.column}=unused' where no such joint is"
+            yield f"{told}: {taken}"
 
 
 def polar(header: Sequence[str]) -> tuple[str, ...]:

@@ -293,6 +293,25 @@ def test_another_quantity_of_a_joint_is_no_position(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    "head", ["J1_J2_deg", "J1J2 [deg]", "J12_deg", "J1_plus_J2", "J1.J2_deg", "J2_abs_deg", "axis_1_2"]
+)
+def test_a_joint_without_a_column_is_asked_of_one_that_has_its_name_in_its_own(tmp_path: Path, head: str) -> None:
+    """Which then may be it, or the sum of two; what has another word or unit in it is not asked about."""
+    points = export(tmp_path / "export.csv", ["P1", "P2", "P3", "P4"], range(1, 5))
+
+    def read(heads: str, taken: dict[str, str] | None = None) -> list[str]:
+        lines = [f"Pose,J1 [deg],J3 [deg],{heads}", *(f"P{i},{7 * i},{i * i},{3 * i},{i}" for i in range(1, 5))]
+        (tmp_path / "log.csv").write_text("\n".join(lines))
+        return [name for name in intake([tmp_path / "log.csv", points], 5e-5, taken=taken).columns if name[:2] == "q_"]
+
+    with pytest.raises(InputError, match="joint J2 has no column, and .* may be it, or computed of it: --take"):
+        read(f"{head},J2 [Nm]")
+    assert read(f"{head},J2 [Nm]", {head: "q_J2_deg"}) == ["q_J1", "q_J3", "q_J2"]
+    assert read("temp_J2,J2 [Nm]") == ["q_J1", "q_J3"]
+    assert {"q_J1", "q_J2", "q_J3"} <= {*read(f"J2 [deg],{head}")}
+
+
+@pytest.mark.parametrize(
     "head", ["J1+J2", "J2-J1 [deg]", "-J2_deg", "J2*2", "2·J2", "q_J1+q_J2", "sin(J2)", "Axis 1 / J2", "J1&J2", "J2'"]
 )
 def test_a_column_computed_of_joints_is_none(tmp_path: Path, head: str) -> None:
