@@ -193,7 +193,7 @@ def two_sources(time: Array, values: Array, unit: str) -> tuple[int, int] | None
 
 
 def _split(moved: Array) -> Iterator[np.ndarray]:
-    """Yield (N,) which of 2, 3 .. groups each of (N, d) values is in: that which scatters most is cut at its widest gap.
+    """Yield (N,) which of 2, 3 .. groups each of (N, d) values is in: the widest gap of the widest group cuts it in two.
 
     It ends where a group would have fewer than `TIMES`.
     """

@@ -304,7 +304,7 @@ def test_a_joint_without_a_column_is_asked_of_one_that_has_its_name_in_its_own(t
         (tmp_path / "log.csv").write_text("\n".join(lines))
         return [name for name in intake([tmp_path / "log.csv", points], 5e-5, taken=taken).columns if name[:2] == "q_"]
 
-    with pytest.raises(InputError, match="joint J2 has no column, and .* may be it, or computed of it: --take"):
+    with pytest.raises(InputError, match=r"joint J2 has no column, and .* may be it, or computed of it: --take"):
         read(f"{head},J2 [Nm]")
     assert read(f"{head},J2 [Nm]", {head: "q_J2_deg"}) == ["q_J1", "q_J3", "q_J2"]
     assert read("temp_J2,J2 [Nm]") == ["q_J1", "q_J3"]
