@@ -193,7 +193,7 @@ def two_sources(time: Array, values: Array, unit: str) -> tuple[int, int] | None
 
 
 def _split(moved: Array) -> Iterator[np.ndarray]:
-    """Yield (N,) which of 2, 3 .. groups each of (N, d) values is in: the widest gap of the widest group cuts it in two.
+    """Yield (N,) which of 2, 3 .. groups each of (N, d) values is in: each time the widest one is cut at its gap.
 
     It ends where a group would have fewer than `TIMES`.
     """
