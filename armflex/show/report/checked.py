@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date
 from types import SimpleNamespace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio
@@ -13,13 +14,16 @@ from armflex.arm import Arm
 from armflex.conventions import Array, number
 from armflex.errors import ArmflexError, listing, naming
 from armflex.mechanics.deflection import Deflection
-from armflex.show.report.svg import AFTER, BEFORE, DASHED, INK, MARK, MUTED, canvas, cut, grid, inline
+from armflex.show.report.svg import AFTER, BEFORE, DASHED, INK, MARK, MUTED, canvas, cut, grid, inline, label
 from armflex.show.report.words import millimetres
 from armflex.show.view.arm_scene import Motion, nice_magnification
 from armflex.tasks.check import CheckReport, Point
 from armflex.tasks.settle import ModesAt, Settling, SettlingReport, modes_along, settle
 from armflex.trajectory import Trajectory
 from armflex.version import __version__
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 COLOURS = {"ok": AFTER, "uncertain": MARK, "fail": BEFORE}
 
@@ -171,27 +175,49 @@ def _picture(checked: CheckedPath, points: tuple[Point, ...]) -> str:
         return f"<p>No picture: {cut(str(error), 200).replace('<', '(').replace('&', '+')}</p>"
     factor = nice_magnification(arm, Motion(np.zeros(1), (here,), 0))
     figure, axes = canvas(10.0, 4.6, 1, 2)
+    names: dict[Axes, list[tuple[str, tuple[float, float]]]] = {panel: [] for panel in axes}
     for panel, up, name in zip(axes, (2, 1), ("from the side", "from above"), strict=True):
         panel.plot(tips[:, 0], tips[:, up], color=MUTED, linewidth=1.0)
         for scale, colour, style in ((0.0, MUTED, DASHED), (factor, INK, "solid")):
-            line = _chain(here, scale)
-            panel.plot(line[:, 0], line[:, up], color=colour, linestyle=style, linewidth=1.6, marker="o", markersize=3)
+            for line, width in _lines(here, scale):
+                style_of = {"color": colour, "linestyle": style, "marker": "o", "markersize": 3}
+                panel.plot(line[:, 0], line[:, up], linewidth=width, **style_of)
         for point, stands in named.items():
             tip = arm.robot.mount @ stands.link_poses(0.0)[arm.robot.tip][:3, 3]
             panel.plot(tip[0], tip[up], "o", color=COLOURS[point.verdict], markersize=6)
             if point.name and len(named) <= 12:
-                panel.annotate(cut(point.name, 18), (tip[0], tip[up]), (4, 4), textcoords="offset points", color=INK)
+                names[panel].append((cut(point.name, 18), (float(tip[0]), float(tip[up]))))
         panel.set(xlabel="x [m]", ylabel=f"{'xyz'[up]} [m]", title=name, aspect="equal")
         panel.set_adjustable("datalim")
         grid(panel)
     axes[0].set_title(f"from the side, at {cut(points[0].name or f'{points[0].time:g} s')}, bent {factor:g} times")
+    for panel, placed in names.items():
+        label(panel, placed)
     return inline(figure, "the arm at its worst via-point")
 
 
-def _chain(deflection: Deflection, factor: float) -> Array:
-    """Return (k, 3) origins of the links from base to tip in a level world [m]."""
-    robot, poses = deflection.arm.robot, deflection.link_poses(factor)
-    return np.array([np.zeros(3), *(poses[joint.child][:3, 3] for joint in robot.chain)]) @ robot.mount.T
+def _lines(deflection: Deflection, factor: float) -> Iterator[tuple[Array, float]]:
+    """Yield (k, 3) points of lines in a level world [m], and their width: the chain, what loops hold, and thick ties.
+
+    The chain is the origins of its links from base to tip, a link beside it the way from its joint to its pin.
+    """
+    arm, poses = deflection.arm, deflection.link_poses(factor)
+    robot = arm.robot
+
+    def at(link: str, point: Array) -> Array:
+        pose = poses.get(link, np.eye(4))
+        return robot.mount @ (pose[:3, :3] @ point + pose[:3, 3])
+
+    origin, chain = np.zeros(3), {robot.base, *(joint.child for joint in robot.chain)}
+    yield np.array([robot.mount @ origin, *(at(joint.child, origin) for joint in robot.chain)]), 1.6
+    for joint in robot.linkage.beside:
+        yield np.array([at(joint.parent, origin), at(joint.child, origin)]), 1.0
+    for loop in robot.linkage.loops:
+        for link, pin in ((loop.link, loop.at), (loop.to, loop.at_to)):
+            if link not in chain:
+                yield np.array([at(link, origin), at(link, pin)]), 1.0
+    for tie in (*robot.linkage.cylinders, *arm.springs):
+        yield np.array([at(tie.link, tie.at), at(tie.to, tie.at_to)]), 4.0
 
 
 def _bars(checked: CheckedPath, points: tuple[Point, ...]) -> str:

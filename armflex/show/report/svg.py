@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from io import StringIO
+from itertools import product
 from typing import TYPE_CHECKING, Literal
 
 from armflex.plotting import styled
@@ -25,10 +26,16 @@ VARIABLES[SOFT] = "soft"
 DASHED = (0, (4, 3))
 """How a line of reference is drawn: points of line and of gap."""
 
+CHARACTER = 9.0
+"""Size of letters [points]."""
+
+WAYS = ((1.0, 1.0), (1.0, 0.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, 0.0), (-1.0, -1.0), (0.0, 1.5), (0.0, -1.5))
+"""Where a name may stand beside its point, in order."""
+
 STYLE = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",
-    "font.size": 9.0,
+    "font.size": CHARACTER,
     "axes.unicode_minus": True,
     "text.color": INK,
     "axes.edgecolor": RULE,
@@ -110,6 +117,35 @@ def grid(axes: Axes, which: Literal["both", "x", "y"] = "both") -> None:
     """Draw faint lines behind the data and no tick marks."""
     axes.grid(True, axis=which)
     axes.tick_params(length=0)
+
+
+def label(axes: Axes, points: Sequence[tuple[str, tuple[float, float]]]) -> None:
+    """Write names beside points (x, y) of data so that none is on another or on a point; what is far has a line.
+
+    Places around a point are tried from near to far and from the upper right on; the last one stands where none is free.
+    """
+    axes.figure.draw_without_rendering()  # pyright: ignore[reportAttributeAccessIssue]
+    scale = 72.0 / axes.figure.dpi
+    box, dots = axes.bbox.extents * scale, [axes.transData.transform(point) * scale for _, point in points]
+    taken = [(x - 4.0, y - 4.0, x + 4.0, y + 4.0) for x, y in dots]
+    for (text, point), (x, y) in zip(points, dots, strict=True):
+        wide, size = 0.6 * CHARACTER * len(text), CHARACTER
+        for far, way in product((6.0, 16.0, 28.0, 42.0, 58.0), WAYS):
+            left, low = x + far * way[0] - (wide if way[0] < 0.0 else 0.0), y + far * way[1] - 0.5 * size
+            place = (left, low, left + wide, low + size)
+            inside = place[0] > box[0] and place[1] > box[1] and place[2] < box[2] and place[3] < box[3]
+            if inside and not any(_overlap(place, other) for other in taken):
+                break
+        taken.append(place)
+        arrow = {"arrowstyle": "-", "color": MUTED, "linewidth": 0.5} if far > 6.0 else None
+        behind = {"facecolor": PAPER, "edgecolor": "none", "alpha": 0.7, "pad": 0.5}
+        shift = {"textcoords": "offset points", "ha": "left", "va": "center", "arrowprops": arrow, "bbox": behind}
+        axes.annotate(text, point, (left - x, low + 0.5 * size - y), color=INK, **shift)
+
+
+def _overlap(first: tuple[float, ...], second: tuple[float, ...]) -> bool:
+    """Return whether two boxes (left, low, right, high) have a part in common."""
+    return first[0] < second[2] and second[0] < first[2] and first[1] < second[3] and second[1] < first[3]
 
 
 def cut(text: str, most: int = 40) -> str:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -13,7 +14,7 @@ import pytest
 from support.command_line import fine, run_here
 from support.small_arms import ROBOTS
 
-HEAVY = ROBOTS / "heavy_six"
+HEAVY, LIFTER = ROBOTS / "heavy_six", ROBOTS / "hybrid_lifter"
 COMMAND = f"'{sys.executable}' -m armflex"
 CHECK = f"{COMMAND} check '{HEAVY / 'arm.toml'}' '{HEAVY / 'trajectory.csv'}' --tolerance"
 ROWS = "clear", "lift", "pick"
@@ -83,6 +84,13 @@ def test_check_has_a_page(tmp_path: Path) -> None:
     for word in ("first frequency Hz", "settles in s", "margin mm", "as declared, not calibrated", *ROWS):
         assert word in text
     assert "no via-point swings by more than 500 mm" in text and "0 s<" not in text
+
+
+def test_the_page_of_a_checked_path_draws_cylinders(tmp_path: Path) -> None:
+    """Three, rigid and bent, from two sides."""
+    files = LIFTER / "arm.toml", LIFTER / "trajectory.csv"
+    fine(run_here(tmp_path, "check", *files, "--tolerance", "100mm", "--report", "r.html"))
+    assert len(re.findall(r"stroke-width: 4[;\"]", (tmp_path / "r.html").read_text())) == 12
 
 
 def test_modes_along_a_path_and_names_of_its_via_points(tmp_path: Path) -> None:

@@ -5,10 +5,12 @@ import subprocess
 import sys
 from dataclasses import replace
 from html.parser import HTMLParser
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.text import Text
 from support.campaigns import draw
 from support.pages import BROWSER, sheets
 
@@ -19,7 +21,7 @@ from armflex.show.report import render_report, write_report
 from armflex.show.report.accuracy import Errors
 from armflex.show.report.effect_figures import wave
 from armflex.show.report.summary import further, headline
-from armflex.show.report.svg import canvas, drawing, inline
+from armflex.show.report.svg import canvas, drawing, inline, label
 from armflex.show.report.words import called, change, labelled, measure, millimetres, short
 from armflex.trace import trace
 from armflex.trace.averaging import alone
@@ -234,6 +236,18 @@ def test_colours_follow_the_theme() -> None:
         svg = inline(figure, "a figure")
     assert "var(--ink)" in svg and not re.search(r'style="[^"]*#0[1-8]0[1-8]0[1-8]', svg)
     assert "fill: #010101" in svg  # somebody's name for a thing
+
+
+def test_no_name_in_a_figure_is_on_another() -> None:
+    places = {"mount": (1.0, 1.0), "released": (1.0, 1.0), "wall_approach": (0.99, 1.0), "corner": (1.0, 0.97)}
+    with drawing():
+        figure, (panel,) = canvas(4.0, 3.0)
+        panel.plot([0.0, 1.0], [0.0, 1.0])
+        label(panel, list(places.items()))
+        figure.draw_without_rendering()
+        boxes = [Text.get_window_extent(text) for text in panel.texts]
+    assert [text.get_text() for text in panel.texts] == list(places)
+    assert not any(first.overlaps(second) for first, second in combinations(boxes, 2))
 
 
 @pytest.mark.parametrize(
