@@ -84,8 +84,20 @@ def print_deflection(arm: Arm, deflection: Deflection, covariance: Array | None)
     say(
         f"The tip moves {number(shift * 1e3)} mm; the shares are first order and miss {number(left * 1e3, 2)} mm of it."
     )
+    total, relative = _size(covariance), _size(flagged_covariance(deflection, relative=True)[0])
+    if arm.certainty is not None and 2.0 * relative < total:
+        say(
+            f"Of ± {number(total * 1e3, 2)} mm in all, {number(relative * 1e3, 2)} mm are of how the arm moves the "
+            "campaign's target before its instrument. The rest is where base, zero of the first joint and target stand,"
+            " the same for all poses, which the campaign does not determine."
+        )
     if deflection.load_factor < NEAR:
         say(f"It would buckle under {number(deflection.load_factor)} times these loads.", "")
+
+
+def _size(covariance: Array | None) -> float:
+    """Return the standard uncertainty of the tip's place [m] of a (6, 6) covariance, 0 where there is none."""
+    return 0.0 if covariance is None else float(np.sqrt(max(np.trace(covariance[:3, :3]), 0.0)))
 
 
 def print_ties(arm: Arm, deflection: Deflection) -> None:

@@ -122,7 +122,7 @@ def grid(axes: Axes, which: Literal["both", "x", "y"] = "both") -> None:
 def label(axes: Axes, points: Sequence[tuple[str, tuple[float, float]]]) -> None:
     """Write names beside points (x, y) of data so that none is on another or on a point; what is far has a line.
 
-    Places around a point are tried from near to far and from the upper right on; the last one stands where none is free.
+    Places around a point are tried from near to far, the upper right first; the last one stands where none is free.
     """
     axes.figure.draw_without_rendering()  # pyright: ignore[reportAttributeAccessIssue]
     scale = 72.0 / axes.figure.dpi

@@ -191,6 +191,7 @@ def test_what_was_fitted_is_uncertain_in_deflect_and_check_too(ran, armflex: Run
     told = np.array(strict_json(ran[0] / "d.json")["covariance"])
     np.testing.assert_allclose(told, expected[0], rtol=1e-7, atol=1e-18)
     assert (np.diag(told) > (0.0 if laws is None else np.diag(laws))).all()
+    assert "The rest is where base, zero of the first joint and target stand" in " ".join(said.stdout.split())
     (line,) = (line for line in said.stdout.splitlines() if line.split()[:1] == ["z"])
     assert f"{np.sqrt(told[2, 2]) * 1e3:.2g}" in line.split()
     rows = "\n".join(f"{t},0,{0.3 + 1e-9 * t},0,0,0,0,v{t}" for t in (0, 1))
