@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from itertools import count
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,7 @@ from armflex.bench.cross_validation import (
     random_folds,
 )
 from armflex.bench.fitted import NOWHERE, Fitted, check_span, predicted, wrenches
-from armflex.bench.learners import MODELS, Options, candidates, learner
+from armflex.bench.learners import MODELS, Options, affordable_starts, candidates, learner
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
 from armflex.errors import Flag, InputError, LawError, UnknownNameError, listing
 from armflex.laws.joint.linear import LinearLaw, softness
@@ -50,6 +49,12 @@ FEW = 25
 
 CHAIN_FOLDS = 5
 """Of a model that chains are run for: each fit takes seconds to a minute."""
+
+EFFORT = 10
+"""Fits of a plain model that take as long as one training of a network, about."""
+
+AGAIN = 3
+"""Fits of a network in a choice anew, of six that it may take: it is mostly left before."""
 
 CHOICE = "the choice anew in every fold"
 
@@ -144,12 +149,15 @@ def train(
     if model == "auto":
         check_span(data.loads)  # else the first candidate's first fold would be blamed
         among = candidates(options)
-        step = _counting(progress, REPEATS * min(CHOICE_FOLDS, len(data)) * len(among) + min(OUTER, len(data)))
-        compared = compare(among, data, seed, step=step)
+        each, anew = REPEATS * min(CHOICE_FOLDS, len(data)), min(OUTER, len(data))
+        network = EFFORT * affordable_starts(options, data.deflections.size)
+        total = each * (len(among) - 1 + network) + anew * AGAIN * network
+        plain, slow, again = map(_counting(progress, total), (1, network, AGAIN * network))
+        compared = compare(among[:-1], data, seed, step=plain) + compare(among[-1:], data, seed, step=slow)
         best = among[chosen(compared, negligible(data.deflections))]
         model, fitted = best.model, best.learner(data.loads, data.deflections, seed)
         began = time.perf_counter()
-        held, times = assess(among, data, seed, step)
+        held, times = assess(among, data, seed, again)
         seconds = {candidate.name: candidate.seconds for candidate in compared} | {CHOICE: time.perf_counter() - began}
         fitted = replace(fitted, parameters={**fitted.parameters, "chosen": best.name, "chosen_in_folds": times})
     else:
@@ -158,7 +166,7 @@ def train(
         plain = (
             [candidate for candidate in candidates(options) if candidate.model != "neural"] if model in NETWORKS else []
         )
-        step = _counting(progress, 1 + len(np.unique(folds)) + REPEATS * min(CHOICE_FOLDS, len(data)) * len(plain))
+        step = _counting(progress, 1 + len(np.unique(folds)) + REPEATS * min(CHOICE_FOLDS, len(data)) * len(plain))(1)
         fitted = learn(data.loads, data.deflections, seed)
         step()
         held = hold_out(learn, data, folds, seed, step)
@@ -209,15 +217,20 @@ def _metadata(data: JointData, options: Options, fitted: Fitted, held: HeldOutFo
     return metadata
 
 
-def _counting(progress: Progress | None, total: int) -> Callable[..., None]:
-    """Return what reports the progress of one more step each time that it is called."""
-    done = count(1)
+def _counting(progress: Progress | None, total: int) -> Callable[[int], Callable[..., None]]:
+    """Return what makes, of a size, what reports the progress of one more step of that size each time it is called."""
+    done = 0
 
-    def step(*seen: object) -> None:
-        if progress:
-            progress(next(done), total)
+    def sized(size: int) -> Callable[..., None]:
+        def step(*seen: object) -> None:
+            nonlocal done
+            done += size
+            if progress:
+                progress(done, total)
 
-    return step
+        return step
+
+    return sized
 
 
 def _folds(data: JointData, model: str, options: Options) -> np.ndarray:

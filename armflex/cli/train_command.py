@@ -93,7 +93,8 @@ def command(
     if model == "auto":
         tried = "; ".join(candidate.name for candidate in candidates(how))
         starts = f"from {affordable_starts(how, data.deflections.size)} of {how.starts} starts"
-        complain(f"comparing on {len(data)} rows: {tried}, {starts}, one for each measured number per neuron")
+        slow = "which takes most of the time: minutes on hundreds of rows"
+        complain(f"comparing on {len(data)} rows: {tried}, {starts}, one for each measured number per neuron, {slow}")
     with progress("learning") as tick:
         result = train(data, model, structure, how, tick)
     with together():

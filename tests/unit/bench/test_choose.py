@@ -196,6 +196,7 @@ def test_auto_with_its_own_numbers_ends_and_says_what_took_how_long() -> None:
     seen: list[tuple[int, int]] = []
     result = train(read_joint_data(TABLE), "auto", progress=lambda done, total: seen.append((done, total)))
     assert time.process_time() - began < 60.0
-    assert seen == [(i + 1, len(seen)) for i in range(len(seen))]
+    done = [count for count, _ in seen]  # a network's fits count for as much more as they take
+    assert done == sorted(set(done)) and {total for _, total in seen} == {done[-1]} and len(seen) == 170
     assert [name for name, _ in result.compared] + [CHOICE] == list(result.seconds)
     assert all(seconds > 0.0 for seconds in result.seconds.values())
