@@ -482,7 +482,8 @@ def _meaning(text: str, header: str, cells: Cells, comment: str | None, asked: b
     if asked and re.fullmatch("q[wxyz]", word):
         return Meaning(header, "turn", word, "", why)
     if re.fullmatch(NAMES, word):
-        return Meaning(header, "name", "pose", "", why)
+        named = isinstance(cells, np.ndarray) or any(str(cell).strip() for cell in cells)
+        return Meaning(header, "name", "pose", "", why) if named else Meaning(header, "unused", "", "", "it is empty")
     if re.fullmatch(TIMES, word) and not other:
         if text.strip() == "T" and not unit and not asked and np.isfinite(numbers(cells)).any():
             return Meaning(header, "time", "time", None, EITHER)

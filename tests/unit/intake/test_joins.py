@@ -292,6 +292,14 @@ def test_another_quantity_of_a_joint_is_no_position(tmp_path: Path) -> None:
     assert found.columns["J1_Nm"] == [3.5] * 4
 
 
+def test_a_column_of_names_that_is_empty_is_none(tmp_path: Path) -> None:
+    """Else points in the order of a text would be joined row by row."""
+    rows = log(tmp_path / "log.csv", ["", "", "", ""])
+    with pytest.raises(InputError, match="which is of which is not certain"):
+        intake([rows, export(tmp_path / "export.csv", ["P1", "P10", "P2", "P3"], range(1, 5))], 5e-5)
+    assert len(intake([rows, export(tmp_path / "e.csv", ["P1", "P2", "P3", "P4"], range(1, 5))], 5e-5).lines) == 4
+
+
 @pytest.mark.parametrize(
     "head", ["J1_J2_deg", "J1J2 [deg]", "J12_deg", "J1_plus_J2", "J1.J2_deg", "J2_abs_deg", "axis_1_2"]
 )
