@@ -28,7 +28,9 @@ KINDS = {
     "open": r"state|status(?:[ _]?code)?|flags?|solution|beam|health",
 }
 """Headers of columns that say whether the target was read, by what a number other than 0 says there."""
-STATE = re.compile(r"(?:.*[\W_])??(?:" + "|".join(f"(?P<{kind}>{words})" for kind, words in KINDS.items()) + ")", re.I)
+STATE = re.compile(
+    r"(?:is[ _]?|.*[\W_])??(?:" + "|".join(f"(?P<{kind}>{words})" for kind, words in KINDS.items()) + ")", re.I
+)
 
 READ = re.compile(
     r"ok(?:ay)?|good|valid|fix(?:ed)?|locked|measured|tracked|tracking|pass(?:ed)?|visible|found|reliable|stable|normal"
@@ -36,10 +38,10 @@ READ = re.compile(
     re.IGNORECASE,
 )
 NOT_READ = re.compile(
-    r"(?:.*\W)?(?:missing|lost|invalid|occluded|false|bad|disabled|stale|too few markers"
+    r"(?:.*\W)?(?:missing|lost|invalid|occluded|false|bad|disabled|stale|too few markers|broken|interrupted|blocked"
     r"|out[ _]of[ _](?:volume|view|range)|not[ _](?:visible|found|tracked|valid|measured|ok|locked)"
     r"|no[ _](?:target|signal|data|reading|fix|lock))(?:\W.*)?"
-    r"|nok|n\.? ?i\.? ?o\.?|fail(?:ed|ure)?|error|fault|broken|break|interrupted|none|reject(?:ed)?"
+    r"|nok|n\.? ?i\.? ?o\.?|fail(?:ed|ure)?|error|fault|break|none|reject(?:ed)?"
     r"|un(?:locked|tracked|stable|reliable)|timeout|searching",
     re.IGNORECASE,
 )
@@ -56,6 +58,8 @@ HUGE = 1e15
 FINER = 6
 """Places that are not whole, fewer than which say nothing of what an instrument writes."""
 
+MOST_DECIMALS = 6
+
 NINES = np.array([[float(f"{'9' * n}.{'9' * k}") for k in range(5)] for n in range(3, 11)])
 """(8, 5) what programs write for a missing number: 999, 999.9 .. 9999999999.9999, with either sign."""
 
@@ -65,7 +69,8 @@ def lost(places: Array) -> np.ndarray:
 
     Such is a place with a coordinate that is no number, none of any length (`HUGE`), or all nines from 9999 on; and
     one whose three coordinates are the same number, if that is 0 (Qualisys, Vicon, most drivers of ROS), all nines,
-    whole where the others are not (-1, -32768), or comes more than once: no target is measured at exactly (c, c, c).
+    whole where the others are not (-1, -32768), has two decimals less than they (-999.25), or comes more than once: no
+    target is measured at exactly (c, c, c).
     """
     size = np.abs(places)
     gone = np.array(~(size < HUGE).all(axis=1) | np.isin(size, NINES[1:]).any(axis=1), dtype=bool)
@@ -73,8 +78,18 @@ def lost(places: Array) -> np.ndarray:
     values, index, counts = np.unique(places[equal, 0], return_inverse=True, return_counts=True)
     finer = (places[~gone & ~equal] % 1.0 != 0.0).any(axis=1)
     whole = (values[index] % 1.0 == 0.0) & (2 * np.count_nonzero(finer) > max(len(finer), FINER))
-    gone[equal] = whole | (values[index] == 0.0) | np.isin(np.abs(values[index]), NINES) | (counts[index] > 1)
+    others = _decimals(places[~gone & ~equal]).max(axis=1)
+    coarser = len(others) > FINER and _decimals(values[index]) + 2 <= np.quantile(others, 0.1, method="lower")
+    gone[equal] = whole | coarser | (values[index] == 0.0) | np.isin(np.abs(values[index]), NINES) | (counts[index] > 1)
     return gone
+
+
+def _decimals(values: Array) -> np.ndarray:
+    """Return how many decimals numbers are written with, at most `MOST_DECIMALS`."""
+    count = np.full(values.shape, MOST_DECIMALS)
+    for decimals in range(MOST_DECIMALS - 1, -1, -1):
+        count[np.abs(values - np.round(values, decimals)) <= 1e-9 * np.abs(values)] = decimals
+    return count
 
 
 def without_lost(source: Source, meant: Sequence[Meaning], counted: bool = True) -> Source:
@@ -120,21 +135,22 @@ def _unread(source: SourceTable, meaning: Meaning, cells: Sequence[str], counted
     answers = {bool(YES.fullmatch(cell)) for cell in said if YES.fullmatch(cell) or NO.fullmatch(cell)}
     plain = meaning.kind == "covariate" and answers == {True, False} and len({*said} - {""}) == 2
     flagged = counted and plain and not asked and len(cells) > MOST_STATES  # yes and no of something that has no name
-    if not (kind or words or flagged):
-        return np.zeros(len(cells), dtype=bool)
-    few = 1 < len(said) <= MOST_STATES
     usual = Counter(cells).most_common(1)[0][0]
+    remark = counted and not (asked or kind or words) and False in said.values() and said[usual] is not False
+    if not (kind or words or flagged or remark):
+        return np.zeros(len(cells), dtype=bool)
+    few = remark or 1 < len(said) <= MOST_STATES
     if few and asked and kind and said[usual] is not False and not any(map(NUMBER.fullmatch, filter(None, said))):
         said = {cell: cell == usual if read is None else read for cell, read in said.items()}  # what was asked to be so
-    unknown = [i for i, cell in enumerate(cells) if cell and said[cell] is None]
+    unknown = [i for i, cell in enumerate(cells) if cell and said[cell] is (False if remark else None)]
     if counted and few and unknown:
-        row = next(i for i, cell in enumerate(cells) if cell != usual)
+        row = unknown[0] if remark else next(i for i, cell in enumerate(cells) if cell != usual)
         name, place = meaning.column, Place(source.path, source.lines[row])
         text = f"{name!r} is {shown(cells[row], 20)} here and {shown(usual, 20)} in most rows: is that a reading?"
         if any(form.fullmatch(cell) for form in (NUMBER, YES, NO) for cell in said if cell):
             text += f" --take '{name}=valid' if 0 is none, '{name}=error' if only 0 is one, '{name}=unused' if all are"
         else:
-            others = listing(repr(cell) for cell in dict.fromkeys(cells) if cell != usual and said[cell] is None)
+            others = listing(repr(cell) for cell in dict.fromkeys(cells[i] for i in unknown) if cell != usual)
             text += f" --take '{name}=valid' if {others} is none, '{name}=unused' if all are readings"
         raise TableError(place, f"{text}; else empty x y z of what is none")
     return np.array([said[cell] is False and (few or kind != "gone" or not NUMBER.fullmatch(cell)) for cell in cells])

@@ -1,6 +1,7 @@
 """What each column of a file is: a joint, a coordinate, a name, a time, or something else that is kept."""
 
 import re
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -8,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from armflex.conventions import NUMBER, UNITS
+from armflex.errors import listing
 from armflex.intake.lost import lost
 from armflex.intake.sources import Cells, SourceTable, numbers
 from armflex.measured.points import LENGTHS
@@ -196,6 +198,13 @@ APPLIED = re.compile(rf"(?:{'|'.join(FUNCTIONS)})\s*\(.*\)", re.IGNORECASE)
 AMID = re.compile(rf"(?:.*[\W_])?{ANOTHER}(?:[\W_].*)?", re.IGNORECASE)
 """What is no position, wherever the word stands in a name."""
 
+SEVERAL = re.compile(
+    r"(?:(?P<target>tool|target|smr|prism|reflector|ball|sphere|nest|probe)"
+    r"|station|set[ _-]?up|instrument|tracker|scanner)(?:[ _]?(?:id|no|nr|number|name))?",
+    re.IGNORECASE,
+)
+"""Headers of columns of an export that say of which target or from where a place was read."""
+
 COUNTED = re.compile(r"\d+")
 """What stands in brackets at the end of a name that is counted so, `j[1]`, and is no unit."""
 
@@ -243,7 +252,7 @@ class Meaning:
 
 
 def meanings(
-    source: SourceTable, taken: Mapping[str, str], joints: Sequence[str] = (), slides: Sequence[str] = ()
+    source: Source, taken: Mapping[str, str], joints: Sequence[str] = (), slides: Sequence[str] = ()
 ) -> tuple[Meaning, ...]:
     """Return what every column of a file is.
 
@@ -313,7 +322,7 @@ def _one_clock(meant: list[Meaning], parts: Mapping[str, Meaning]) -> list[Meani
 
 
 def _with_angles(
-    source: SourceTable, meant: list[Meaning], joints: Sequence[str], slides: Sequence[str]
+    source: Source, meant: list[Meaning], joints: Sequence[str], slides: Sequence[str]
 ) -> list[Meaning]:
     """Return what columns are with units of external axes, and those of angles that a comment or a size shows."""
     for i, one in enumerate(meant):
@@ -341,9 +350,11 @@ def _with_angles(
 
 
 def combined(
-    source: SourceTable, meant: Sequence[Meaning], taken: Mapping[str, str], joints: Sequence[str]
+    source: Source, meant: Sequence[Meaning], taken: Mapping[str, str], joints: Sequence[str]
 ) -> list[str]:
     """Return what is wrong with columns that are computed of joints, `A2+A3`, where one of them has no other column.
+
+    And with those by which the places of an export are of several targets, or of several stations.
 
     Args:
         source: A file.
@@ -367,7 +378,23 @@ def combined(
             text = f"{source.path}: column {column!r} is computed of joints, expected a column of {missing[0]} alone:"
             wrong.append(f"{text} compute that, or --take '{column}=unused' where no such joint is")
     rest = [meaning for meaning in meant if meaning.column not in (*computed, *taken)] if not source.part else []
+    if {"coordinate"} == {meaning.kind for meaning in meant} & {"coordinate", "joint"}:
+        wrong += _several(source, meant, taken)
     return wrong + [text for name, known in _missing(there, joints) for text in _stand_ins(source, rest, name, known)]
+
+
+def _several(source: Source, meant: Sequence[Meaning], taken: Mapping[str, str]) -> Iterator[str]:
+    """Yield what is wrong where a column says that places are of several targets or stations, a few times each."""
+    for meaning, cells in zip(meant, source.columns, strict=True):
+        counts = Counter(map(str, cells))
+        repeated = len(counts) > 1 and min(counts.values()) > 1 and "" not in counts
+        other = meaning.kind in ("covariate", "unused") and meaning.column not in taken
+        if repeated and other and (match := SEVERAL.fullmatch(meaning.column.strip())):
+            of = match["target"]
+            rest, prior = ("the target", ", with session_target under [prior]") if of else ("the instrument", "")
+            text = f"{source.path}: {meaning.column!r} says that places are of {listing(sorted(counts), 4)}: --take"
+            text += f" '{meaning.column}=session' where {rest} is at another place in each{prior}, or"
+            yield f"{text} '{meaning.column}=unused' where all are of one {'target' if of else 'frame'}"
 
 
 def _missing(there: Collection[str], joints: Sequence[str]) -> Iterator[tuple[str, Collection[str]]]:
@@ -382,7 +409,7 @@ def _missing(there: Collection[str], joints: Sequence[str]) -> Iterator[tuple[st
         yield from ((series[n], series) for n in range(1, len(series) - 1) if n not in counted and n + 1 in counted)
 
 
-def _stand_ins(source: SourceTable, rest: Sequence[Meaning], name: str, known: Collection[str]) -> Iterator[str]:
+def _stand_ins(source: Source, rest: Sequence[Meaning], name: str, known: Collection[str]) -> Iterator[str]:
     """Yield what is wrong with columns that have the name of a joint in theirs which has no column: `J2_J3_deg`."""
     stem, number = re.fullmatch(r"(.*?)(\d*)", name).groups()  # pyright: ignore[reportOptionalMemberAccess]
     numbered = rf"(?:{re.escape(stem)}|{SHORT})[ _.]?(?:\d[ _.]?)*{number}(?!\d)"
@@ -417,7 +444,7 @@ def _of_set(header: Sequence[str]) -> dict[str, tuple[str, tuple[str, ...]]]:
     return called
 
 
-def _parts_of_time(source: SourceTable) -> dict[str, Meaning]:
+def _parts_of_time(source: Source) -> dict[str, Meaning]:
     """Return what columns are that have whole seconds and the rest of them: the first such pair."""
     matches = {name: match for name in source.header if (match := PART.fullmatch(name.strip()))}
     sizes = {name: TIME_UNITS.get(match["unit"].lower(), 0.0) for name, match in matches.items()}
@@ -502,7 +529,7 @@ def _plain(header: str) -> str:
     return re.sub(r"^q_", "q", re.sub(r"\W+", "_", header).strip("_")) or "column"
 
 
-def _turned(source: SourceTable, meant: Sequence[Meaning]) -> list[Meaning]:
+def _turned(source: Source, meant: Sequence[Meaning]) -> list[Meaning]:
     """Return what columns are where some of them are quaternions: beside x y z, and of length 1."""
     groups: dict[str, dict[str, int]] = {}
     for i, meaning in enumerate(meant):
@@ -534,7 +561,7 @@ def _turned(source: SourceTable, meant: Sequence[Meaning]) -> list[Meaning]:
     return settled
 
 
-def stated(source: SourceTable, known: Mapping[str, float] = LENGTHS) -> list[str]:
+def stated(source: Source, known: Mapping[str, float] = LENGTHS) -> list[str]:
     """Return the known units that comments and titles of a file state, each once: one, or they contradict."""
     units: dict[float, str] = {}
     for unit in filter(None, (_unit_of_comment(text, known) for text in source.comments)):

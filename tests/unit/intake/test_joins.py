@@ -301,6 +301,25 @@ def test_a_column_of_names_that_is_empty_is_none(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("head", "told"),
+    [("Tool", "session_target"), ("SMR ID", "all are of one target"), ("Station", "all are of one frame")],
+)
+def test_places_of_several_targets_or_stations_are_asked_about(tmp_path: Path, head: str, told: str) -> None:
+    """They were joined to one target; what is one for all, or another in every row, is none of these."""
+    names = ["P1", "P2", "P3", "P4"]
+    rows = log(tmp_path / "log.csv", names)
+
+    def read(cells: str, taken: dict[str, str] | None = None) -> list[str]:
+        points = export(tmp_path / "export.csv", names, range(1, 5), f",{head}", [f",{cell}" for cell in cells])
+        return list(intake([rows, points], 5e-5, taken=taken).columns)
+
+    with pytest.raises(InputError, match=rf"'{head}' says that places are of A, B: --take '{head}=session' .*{told}"):
+        read("ABAB")
+    assert "session" in read("ABAB", {head: "session"}) and head not in read("ABAB", {head: "unused"})
+    assert read("AAAA") and read("ABCD")
+
+
+@pytest.mark.parametrize(
     "head", ["J1_J2_deg", "J1J2 [deg]", "J12_deg", "J1_plus_J2", "J1.J2_deg", "J2_abs_deg", "axis_1_2"]
 )
 def test_a_joint_without_a_column_is_asked_of_one_that_has_its_name_in_its_own(tmp_path: Path, head: str) -> None:

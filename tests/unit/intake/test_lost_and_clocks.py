@@ -503,6 +503,27 @@ def test_three_sources_of_a_place_and_more_are_an_error(tmp_path: Path, places: 
         intake([log(tmp_path), export(tmp_path, rows)], 5e-5)
 
 
+def test_a_remark_that_a_target_was_lost_is_asked_about(tmp_path: Path) -> None:
+    head = "Name,X [mm],Y [mm],Z [mm],Comment"
+    rows = [f"P{i},{100.123 * i},{50.5 * i},{7.25 * i},{'beam broken' if i == 3 else ''}" for i in range(1, 9)]
+    paths = [tmp_path / "rows.csv", tmp_path / "export.csv"]
+    paths[0].write_text("Pose,J1 [deg],J2 [deg]\n" + "".join(f"P{i},{i},{i * i}\n" for i in range(1, 9)))
+    paths[1].write_text("\n".join([head, *rows]))
+    with pytest.raises(InputError, match=r"'Comment' is 'beam broken' here .* --take 'Comment=valid'"):
+        intake(paths, 5e-5)
+    read = intake(paths, 5e-5, taken={"Comment": "valid"}).columns["x"]
+    assert [i for i, x in enumerate(read) if x in ("", None) or np.isnan(x)] == [2]
+    paths[1].write_text("\n".join([head, *(row.replace("beam broken", "repeated") for row in rows)]))
+    assert len(intake(paths, 5e-5).lines) == 8
+
+
+@pytest.mark.parametrize(("cell", "gone"), [(-999.25, True), (999.125, False)])
+def test_three_equal_numbers_of_fewer_decimals_are_no_place(cell: float, gone: bool) -> None:
+    places = np.random.default_rng(3).uniform(-900.0, 900.0, (20, 3)).round(4)
+    places[5] = cell
+    assert lost(places).tolist() == [i == 5 and gone for i in range(20)]
+
+
 @pytest.mark.parametrize("step", [0.008, 0.1])
 def test_two_publishers_of_a_joint_are_an_error(tmp_path: Path, step: float) -> None:
     zeros = [("/joint_states", t + 3e-3, list(NAMES), [0.0] * 3) for t in np.arange(0.0, T[-1], step).tolist()]
