@@ -70,6 +70,13 @@ SETTLES = 0.2
 ALIKE = 0.5
 """Correlation of two motions from which they are of one arm."""
 
+AGREE = 0.1
+"""Tolerance: clocks that differ by less [s] agree. A rival is so by chance in one of some dozens of files: half of
+what is asked for (`DISTINCT`)."""
+
+FLOOR = 0.02
+"""Tolerance: share of the variance of speeds that a target which swings and is sampled leaves at the right lag."""
+
 DISTINCT = 5.0
 """Log-likelihood ratio from which one difference of two clocks is accepted rather than another, one number a motion."""
 
@@ -359,7 +366,8 @@ def offset(time: Array, values: Array, other: Array, place: Array) -> float:
     """Return how much [s] the clock of a tracker is ahead of that of the joints: the lag at which both move alike.
 
     Speeds, and not positions, are correlated: their roots, so that a fast motion does not outweigh the others. Motions
-    that take equally long look alike at several lags. There the target's squared speed is a sum of those of the joints.
+    that take about equally long look alike at several lags. There the target's squared speed is a sum of those of the
+    joints, too.
 
     Args:
         time: (N,) of joint positions (N, n) `values`.
@@ -387,9 +395,15 @@ def offset(time: Array, values: Array, other: Array, place: Array) -> float:
     rivals = np.union1d(find_peaks(match, 0.9 * match[best], distance=round(STANDS / STEP))[0], [best])
     if len(rivals) > 1:
         motions = np.count_nonzero(np.diff((speeds[0] > 0.0).astype(int)) > 0)
-        left = [_left(squares[0], squares[1].sum(axis=1), int(lag) - len(speeds[0]) + 1) for lag in rivals]
-        best, (first, second) = int(rivals[np.argmin(left)]), np.sort(left)[:2]
-        if motions * np.log(second / max(first, 1e-12)) < 2.0 * DISTINCT:
+        lags, target = rivals.astype(int) - len(speeds[0]) + 1, squares[1].sum(axis=1)
+        left = np.log([max(_left(squares[0], target, lag, motions), 1e-12) for lag in lags.tolist()])
+        # And how long motions and pauses take.
+        left += np.log([max(_left(speeds[0][:, None], speeds[1], lag, len(target)), FLOOR) for lag in lags.tolist()])
+        seen = motions * min(1.0, len(speeds[1]) / len(speeds[0]))
+        as_written = np.abs(grids[1][0][0] - grids[0][0][0] + lags * STEP) < AGREE
+        doubt = seen * left - DISTINCT * as_written
+        best, (first, second) = int(rivals[doubt.argmin()]), np.sort(doubt)[:2]
+        if second - first < 2.0 * DISTINCT:
             raise InputError(
                 "joints and target move alike at several differences of their clocks: record uneven pauses"
             )
@@ -400,13 +414,17 @@ def offset(time: Array, values: Array, other: Array, place: Array) -> float:
     return float(grids[1][0][0] - grids[0][0][0] + lag)
 
 
-def _left(joints: Array, target: Array, lag: int) -> float:
-    """Return which share of the variance of (M,) squared speeds the (N, n) of joints leave, so many steps before."""
+def _left(joints: Array, target: Array, lag: int, motions: int) -> float:
+    """Return which share of the variance of (M,) squared speeds the (N, n) of joints leave, so many steps before.
+
+    Each of as many `motions` as are in the part that both have is one number, and each joint a parameter.
+    """
     start, end = max(lag, 0), min(len(target), len(joints) + lag)
     about, segment = joints[start - lag : end - lag], target[start:end] - target[start:end].mean()
     about = about - about.mean(axis=0)
     left = segment - about @ np.linalg.lstsq(about, segment, rcond=None)[0]
-    return float(left @ left) / max(float(segment @ segment), 1e-300)
+    freedom = max(1.0 - joints.shape[1] * len(joints) / max(motions * len(segment), 1), 0.1)
+    return float(left @ left) / max(float(segment @ segment), 1e-300) / freedom
 
 
 def paired(spans: Array, times: Array) -> tuple[np.ndarray, float]:

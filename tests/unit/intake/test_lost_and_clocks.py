@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 from collections.abc import Callable, Iterable, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from armflex.errors import InputError, ManyErrors, TableError
 from armflex.intake import intake
 from armflex.intake.campaign import Intake
 from armflex.intake.lost import lost
+from armflex.intake.streams import offset
 
 MM = 1e3 * SEEN
 
@@ -501,6 +503,27 @@ def test_three_sources_of_a_place_and_more_are_an_error(tmp_path: Path, places: 
     rows = [f"{t:.3f},{x:.4f},{y:.4f},{z:.4f}" for t, (x, y, z) in zip(TT, shifted, strict=True)]
     with pytest.raises(InputError, match=r"is at .* m at .* s here and .* at .* s, .* mm apart, to and fro"):
         intake([log(tmp_path), export(tmp_path, rows)], 5e-5)
+
+
+@pytest.mark.parametrize(("seed", "poses"), [(3, 14), (36, 10), (1, 9), (9, 9)])
+def test_clocks_that_agree_as_they_are_are_evidence_beside_motions_that_take_equally_long(
+    seed: int, poses: int
+) -> None:
+    """Motions are so few that six joints explain many of them at a wrong lag, too."""
+    rng, step, sizes = np.random.default_rng(seed), 0.02, [1.8, 0.9, 0.9, 1.8, 1.2, 1.8]
+    q = rng.uniform(-1.0, 1.0, (poses, 6)) * sizes
+    rows = [np.tile(q[0], (60, 1))]
+    for before, after in pairwise(q):
+        part = np.linspace(0.0, 1.0, 50)[:, None]
+        rows += [before + part**2 * (3.0 - 2.0 * part) * (after - before), np.tile(after, (60, 1))]
+    joints = np.concatenate(rows)
+    a, b, c, d, e, f = joints.T
+    reach = 0.6 * np.cos(b) + 0.5 * np.cos(b + c) + 0.15 * np.cos(b + c + e)
+    height = 0.6 * np.sin(b) + 0.5 * np.sin(b + c) + 0.15 * np.sin(b + c + e)
+    side = 0.1 * np.sin(e) * np.sin(d) + 0.05 * np.sin(f)
+    places = np.column_stack([reach * np.cos(a) - side * np.sin(a), reach * np.sin(a) + side * np.cos(a), height])
+    time = step * np.arange(len(joints))
+    assert offset(time, joints, time + 0.03, places) == pytest.approx(0.03, abs=0.03)
 
 
 def test_a_remark_that_a_target_was_lost_is_asked_about(tmp_path: Path) -> None:
