@@ -419,9 +419,9 @@ def _stand_ins(source: Source, rest: Sequence[Meaning], name: str, known: Collec
         placed = unit is None or unit.lower() in ANGLE_UNITS | LENGTHS
         other = meaning.kind == "covariate" or (meaning.kind == "joint" and meaning.name not in known)
         if other and placed and inside.search(text) and not AMID.fullmatch(text):
-            told = f"{source.path}: joint {name} has no column, and {meaning.column!r} may be it, or computed of it"
-            taken = f"--take '{meaning.column}=q_{name}_UNIT', or '{meaning.column}=unused' where no such joint is"
-            yield f"{told}: {taken}"
+            text = f"{source.path}: joint {name} has no column, and {meaning.column!r} may be it, or computed of it"
+            remedy = f"--take '{meaning.column}=q_{name}_UNIT', or '{meaning.column}=unused' where no such joint is"
+            yield f"{text}: {remedy}"
 
 
 def polar(header: Sequence[str]) -> tuple[str, ...]:

@@ -40,7 +40,7 @@ DISPUTED = 6.0
 """Tolerance: so many times their scatter two places of a target are apart that are not one: a swing is within four."""
 
 MOST_SOURCES = 4
-"""So many of one place are told apart."""
+"""So many sources of one place are distinguished."""
 
 TURNS = 0.03
 """Tolerance: a joint that turned by so much [rad] moved its target by more than a digit of its place."""
@@ -394,7 +394,7 @@ def offset(time: Array, values: Array, other: Array, place: Array) -> float:
         raise InputError(f"joints and target {text} (correlation {match[best]:.2f}): is it the target of this arm?")
     rivals = np.union1d(find_peaks(match, 0.9 * match[best], distance=round(STANDS / STEP))[0], [best])
     if len(rivals) > 1:
-        motions = np.count_nonzero(np.diff((speeds[0] > 0.0).astype(int)) > 0)
+        motions = int(np.count_nonzero(np.diff((speeds[0] > 0.0).astype(int)) > 0))
         lags, target = rivals.astype(int) - len(speeds[0]) + 1, squares[1].sum(axis=1)
         left = np.log([max(_left(squares[0], target, lag, motions), 1e-12) for lag in lags.tolist()])
         # And how long motions and pauses take.

@@ -11,6 +11,8 @@ from io import StringIO
 from itertools import product
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+
 from armflex.plotting import styled
 
 if TYPE_CHECKING:
@@ -126,7 +128,7 @@ def label(axes: Axes, points: Sequence[tuple[str, tuple[float, float]]]) -> None
     """
     axes.figure.draw_without_rendering()  # pyright: ignore[reportAttributeAccessIssue]
     scale = 72.0 / axes.figure.dpi
-    box, dots = axes.bbox.extents * scale, [axes.transData.transform(point) * scale for _, point in points]
+    box, dots = np.array(axes.bbox.extents) * scale, [axes.transData.transform(point) * scale for _, point in points]
     taken = [(x - 4.0, y - 4.0, x + 4.0, y + 4.0) for x, y in dots]
     for (text, point), (x, y) in zip(points, dots, strict=True):
         wide, size = 0.6 * CHARACTER * len(text), CHARACTER
