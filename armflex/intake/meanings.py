@@ -252,7 +252,7 @@ class Meaning:
 
 
 def meanings(
-    source: Source, taken: Mapping[str, str], joints: Sequence[str] = (), slides: Sequence[str] = ()
+    source: SourceTable, taken: Mapping[str, str], joints: Sequence[str] = (), slides: Sequence[str] = ()
 ) -> tuple[Meaning, ...]:
     """Return what every column of a file is.
 
@@ -322,7 +322,7 @@ def _one_clock(meant: list[Meaning], parts: Mapping[str, Meaning]) -> list[Meani
 
 
 def _with_angles(
-    source: Source, meant: list[Meaning], joints: Sequence[str], slides: Sequence[str]
+    source: SourceTable, meant: list[Meaning], joints: Sequence[str], slides: Sequence[str]
 ) -> list[Meaning]:
     """Return what columns are with units of external axes, and those of angles that a comment or a size shows."""
     for i, one in enumerate(meant):
@@ -350,7 +350,7 @@ def _with_angles(
 
 
 def combined(
-    source: Source, meant: Sequence[Meaning], taken: Mapping[str, str], joints: Sequence[str]
+    source: SourceTable, meant: Sequence[Meaning], taken: Mapping[str, str], joints: Sequence[str]
 ) -> list[str]:
     """Return what is wrong with columns that are computed of joints, `A2+A3`, where one of them has no other column.
 
@@ -383,7 +383,7 @@ def combined(
     return wrong + [text for name, known in _missing(there, joints) for text in _stand_ins(source, rest, name, known)]
 
 
-def _several(source: Source, meant: Sequence[Meaning], taken: Mapping[str, str]) -> Iterator[str]:
+def _several(source: SourceTable, meant: Sequence[Meaning], taken: Mapping[str, str]) -> Iterator[str]:
     """Yield what is wrong where a column says that places are of several targets or stations, a few times each."""
     for meaning, cells in zip(meant, source.columns, strict=True):
         counts = Counter(map(str, cells))
@@ -409,7 +409,7 @@ def _missing(there: Collection[str], joints: Sequence[str]) -> Iterator[tuple[st
         yield from ((series[n], series) for n in range(1, len(series) - 1) if n not in counted and n + 1 in counted)
 
 
-def _stand_ins(source: Source, rest: Sequence[Meaning], name: str, known: Collection[str]) -> Iterator[str]:
+def _stand_ins(source: SourceTable, rest: Sequence[Meaning], name: str, known: Collection[str]) -> Iterator[str]:
     """Yield what is wrong with columns that have the name of a joint in theirs which has no column: `J2_J3_deg`."""
     stem, number = re.fullmatch(r"(.*?)(\d*)", name).groups()  # pyright: ignore[reportOptionalMemberAccess]
     numbered = rf"(?:{re.escape(stem)}|{SHORT})[ _.]?(?:\d[ _.]?)*{number}(?!\d)"
@@ -444,7 +444,7 @@ def _of_set(header: Sequence[str]) -> dict[str, tuple[str, tuple[str, ...]]]:
     return called
 
 
-def _parts_of_time(source: Source) -> dict[str, Meaning]:
+def _parts_of_time(source: SourceTable) -> dict[str, Meaning]:
     """Return what columns are that have whole seconds and the rest of them: the first such pair."""
     matches = {name: match for name in source.header if (match := PART.fullmatch(name.strip()))}
     sizes = {name: TIME_UNITS.get(match["unit"].lower(), 0.0) for name, match in matches.items()}
@@ -529,7 +529,7 @@ def _plain(header: str) -> str:
     return re.sub(r"^q_", "q", re.sub(r"\W+", "_", header).strip("_")) or "column"
 
 
-def _turned(source: Source, meant: Sequence[Meaning]) -> list[Meaning]:
+def _turned(source: SourceTable, meant: Sequence[Meaning]) -> list[Meaning]:
     """Return what columns are where some of them are quaternions: beside x y z, and of length 1."""
     groups: dict[str, dict[str, int]] = {}
     for i, meaning in enumerate(meant):
@@ -561,7 +561,7 @@ def _turned(source: Source, meant: Sequence[Meaning]) -> list[Meaning]:
     return settled
 
 
-def stated(source: Source, known: Mapping[str, float] = LENGTHS) -> list[str]:
+def stated(source: SourceTable, known: Mapping[str, float] = LENGTHS) -> list[str]:
     """Return the known units that comments and titles of a file state, each once: one, or they contradict."""
     units: dict[float, str] = {}
     for unit in filter(None, (_unit_of_comment(text, known) for text in source.comments)):
