@@ -297,7 +297,8 @@ class OneRow:
         self._memory = np.zeros(6 + 12 * n)
         self._links, self._wrenches = NO_LINKS, NO_WRENCHES
         self._motion, self._moves = np.zeros((1, 2, tree.driven)), False
-        self._ask = engine._library.engine_one
+        self._ask, self._short, self._whole = engine._library.engine_one, OneStruct(), OneStruct()
+        self.quick = self._ask, addressof(self._short), self._memory.copy
         self._point()
 
     def set_loads(self, links: np.ndarray, wrenches: Array) -> None:
@@ -313,9 +314,9 @@ class OneRow:
         engine, self._held = self._engine, self._engine._work()
         displacement, twists, loads = addresses(parts_of(self._memory))
         room = address(self._held)
-        self._short = OneStruct(engine._arm, displacement, twists, None, room)
-        self._whole = OneStruct(engine._arm, displacement, twists, loads, room)
-        self.quick = self._ask, addressof(self._short), self._memory.copy
+        # In place: whoever holds `quick` has the addresses.
+        self._short.__init__(engine._arm, displacement, twists, None, room)
+        self._whole.__init__(engine._arm, displacement, twists, loads, room)
         engine._library.engine_ready(engine._arm, room)
 
     def __call__(self, q: Array, motion: Array | None = None) -> tuple[Array, Array, Array] | None:

@@ -944,8 +944,8 @@ static whole T(chain)(const arm *a, int ready, whole rows, const double *q, int 
             T(know)(a, &s, rows, q, first);
         }
         T(solve)(a, &s, exact, some);
-        if (exact && (loads != NULL)) {
-            (void)T(weigh)(a, &s, 1, 0, NULL);
+        if (loads != NULL) {
+            (void)T(weigh)(a, &s, exact, 0, NULL);
         }
         T(displace)(a, &s);
         count = (rows - first < LANES) ? (int)(rows - first) : LANES;

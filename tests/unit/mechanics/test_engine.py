@@ -250,6 +250,20 @@ def test_what_is_no_number_is_not_fine() -> None:
 # The build.
 
 
+@pytest.mark.parametrize("exact", [False, True])
+def test_everything_is_filled_whatever_was_there(exact: bool) -> None:
+    """Also the loads on flexures without coupling, which the fixed point keeps to itself."""
+    arm = bundled("tarm_like")
+    n = len(arm.sites)
+    engine, q = binding.Engine(arm.loaded(None).chain), positions(arm, 5)
+    engine.set_laws(arm.stack.numbers, 5)
+    filled = [[np.full(shape, value) for shape in ((5, 6), (5, n, 6), (5, n, 6))] for value in (0.0, np.nan)]
+    for displacement, loads, twists in filled:
+        engine.rest_chain(q, exact, displacement, loads, twists, np.empty(5, dtype=bool))
+    for first, second in zip(*filled, strict=True):
+        np.testing.assert_array_equal(first, second)
+
+
 def test_an_edited_source_is_noticed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (tmp_path / f"engine-0123-{build.LEVELS[0]}{build.SUFFIX}").touch()
     monkeypatch.setattr(build, "FOLDER", tmp_path)
