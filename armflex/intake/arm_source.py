@@ -38,7 +38,7 @@ class ArmSource:
     @property
     def slides(self) -> list[str]:
         """Those of them that are lengths."""
-        return [] if self.robot is None else [one.name for one in self.robot.moving if one.kind == "prismatic"]
+        return [] if self.robot is None else [joint.name for joint in self.robot.moving if joint.kind == "prismatic"]
 
     def named(self, log: Record) -> tuple[Record, list[str]]:
         """Return a log with its joints as the robot's file calls them, and what is wrong.
@@ -47,16 +47,16 @@ class ArmSource:
         """
         if self.robot is None:
             return log, []
-        joints, moving, file = [one for one, _ in log.of("joint")], self.joints, self.robot.urdf.path.name
-        for one in joints:
-            slides = one.name in self.slides
-            if one.name in moving and one.unit not in (None, "rad") and (one.unit in LENGTHS) != slides:
-                text = f"column {one.column!r} is in {one.unit}, and joint {one.name!r} of {file}"
+        joints, moving, file = [joint for joint, _ in log.of("joint")], self.joints, self.robot.urdf.path.name
+        for joint in joints:
+            slides = joint.name in self.slides
+            if joint.name in moving and joint.unit not in (None, "rad") and (joint.unit in LENGTHS) != slides:
+                text = f"column {joint.column!r} is in {joint.unit}, and joint {joint.name!r} of {file}"
                 return log, [f"{text} {'slides' if slides else 'turns'}"]
-        named = [one.name for one in joints]
+        named = [joint.name for joint in joints]
         if set(moving) <= set(named):
             why = "no joint between base and tip"
-            beside = [one for one in joints if one.name not in moving]
+            beside = [joint for joint in joints if joint.name not in moving]
             return log.where(beside.__contains__, kind="unused", unit="", why=why), []
         counts = [(match := re.fullmatch(r"\D*?(\d)", name)) and int(match[1]) for name in named]
         if names := next((names for _, names in SETS if {*names} == {*named}), None):
@@ -65,7 +65,7 @@ class ArmSource:
             text = f"the log has joints {listing(named)}, and {file} has {listing(moving)}"
             return log, [f"{text}: --take 'COLUMN=q_{moving[0]}'"]
         by = dict(zip(named, moving, strict=True))
-        meant = (replace(one, name=by[one.name]) if one.kind == "joint" else one for one in log.meant)
+        meant = (replace(joint, name=by[joint.name]) if joint.kind == "joint" else joint for joint in log.meant)
         return replace(log, meant=tuple(meant)), []
 
     def described(self, joined: Intake, beside: Path, tracked: bool) -> Intake:

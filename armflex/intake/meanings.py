@@ -274,38 +274,47 @@ def meanings(
         text, called = of_set.get(header, (header, ()))
         meant.append(meaning or _meaning(given or text, header, cells, comment, given is not None, (*joints, *called)))
     meant = _one_clock(meant, parts)
-    asked = {(one.kind, one.name) for one in meant if one.column in taken}
-    twice = [one.column for one in meant if (one.kind, one.name) in asked and one.column not in taken]
-    meant = changed(meant, lambda one: one.column in twice, kind="unused", why="another is, as asked")
-    clocks = [one for one in meant if one.kind == "time" and ":" in str(cells_of[one.column][0])]
-    days = [one for one in meant if one.kind == "time" and DAY.match(str(cells_of[one.column][0]))]
+    asked = {(meaning.kind, meaning.name) for meaning in meant if meaning.column in taken}
+    twice = [
+        meaning.column for meaning in meant if (meaning.kind, meaning.name) in asked and meaning.column not in taken
+    ]
+    meant = changed(meant, lambda meaning: meaning.column in twice, kind="unused", why="another is, as asked")
+    clocks = [meaning for meaning in meant if meaning.kind == "time" and ":" in str(cells_of[meaning.column][0])]
+    days = [meaning for meaning in meant if meaning.kind == "time" and DAY.match(str(cells_of[meaning.column][0]))]
     if len(clocks) == 1:  # a day in a column of its own
-        meant = changed(meant, lambda one: one in days and one not in clocks, name="date")
-    for i, one in enumerate(meant):
-        values = numbers(source.columns[i]) if one.kind == "covariate" else np.zeros(0)
+        meant = changed(meant, lambda meaning: meaning in days and meaning not in clocks, name="date")
+    for i, meaning in enumerate(meant):
+        values = numbers(source.columns[i]) if meaning.kind == "covariate" else np.zeros(0)
         if len(values) > 2 and (np.diff(values) == 1.0).all():
             kinds = {other.kind for other in meant}  # of a log without names
             role = {"kind": "name", "name": "pose"} if "joint" in kinds and "name" not in kinds else {"kind": "unused"}
-            meant[i] = replace(one, **role, unit="", why=COUNTS)
-    if {one.name for one in meant if one.kind == "coordinate"} != {"x", "y", "z"}:  # an X of something else
-        meant = [_beside(one) if one.kind == "turn" else one for one in meant]
-        meant = [Meaning(one.column, "covariate", one.column, "", "a number") if one.kind == "coordinate" else one
-                 for one in meant]  # fmt: skip
+            meant[i] = replace(meaning, **role, unit="", why=COUNTS)
+    if {meaning.name for meaning in meant if meaning.kind == "coordinate"} != {"x", "y", "z"}:  # an X of something else
+        meant = [_beside(meaning) if meaning.kind == "turn" else meaning for meaning in meant]
+        for i, meaning in enumerate(meant):
+            if meaning.kind == "coordinate":
+                meant[i] = Meaning(meaning.column, "covariate", meaning.column, "", "a number")
     else:
-        of_turn = [one for one in meant if one.kind == "joint" and PART_OF_TURN.fullmatch(one.column)]
+        of_turn = [meaning for meaning in meant if meaning.kind == "joint" and PART_OF_TURN.fullmatch(meaning.column)]
         if len(of_turn) <= 4:  # beside a place q1 .. q4 are a quaternion, whatever its length
-            meant = [_beside(one) if one in of_turn else one for one in meant]
+            meant = [_beside(meaning) if meaning in of_turn else meaning for meaning in meant]
         meant = _turned(source, meant)
-    for i, one in enumerate(meant):  # where a joint is, beside where it was to be
-        twin = [other for other in meant if (other.kind, other.name) == ("joint", one.name) and other is not one]
-        if one.kind == "joint" and COMMANDED.search(one.column) and any(not COMMANDED.search(o.column) for o in twin):
-            meant[i] = replace(one, kind="unused", unit="", why="commanded, and the position is there as well")
+    for i, meaning in enumerate(meant):  # where a joint is, beside where it was to be
+        twin = [
+            other for other in meant if (other.kind, other.name) == ("joint", meaning.name) and other is not meaning
+        ]
+        if (
+            meaning.kind == "joint"
+            and COMMANDED.search(meaning.column)
+            and any(not COMMANDED.search(o.column) for o in twin)
+        ):
+            meant[i] = replace(meaning, kind="unused", unit="", why="commanded, and the position is there as well")
     return tuple(_with_angles(source, meant, joints, slides))
 
 
 def changed(meant: Iterable[Meaning], which: Callable[[Meaning], bool], **changes: Any) -> list[Meaning]:
     """Return what columns are, with changes of those that `which` chooses."""
-    return [replace(one, **changes) if which(one) else one for one in meant]
+    return [replace(meaning, **changes) if which(meaning) else meaning for meaning in meant]
 
 
 def _beside(meaning: Meaning) -> Meaning:
@@ -314,10 +323,13 @@ def _beside(meaning: Meaning) -> Meaning:
 
 def _one_clock(meant: list[Meaning], parts: Mapping[str, Meaning]) -> list[Meaning]:
     """Return what columns are where several may be the time: not one in parts, nor a `T`, where there is another."""
-    if any((one.kind, one.name) == ("time", "time") and one.column not in parts for one in meant):
-        meant = changed(meant, lambda one: one.column in parts, kind="unused", why="another is the time")
-    if sum((one.kind, one.name) == ("time", "time") for one in meant) > 1:
-        meant = [replace(_beside(one), why="another is the time") if one.why == EITHER else one for one in meant]
+    if any((meaning.kind, meaning.name) == ("time", "time") and meaning.column not in parts for meaning in meant):
+        meant = changed(meant, lambda meaning: meaning.column in parts, kind="unused", why="another is the time")
+    if sum((meaning.kind, meaning.name) == ("time", "time") for meaning in meant) > 1:
+        meant = [
+            replace(_beside(meaning), why="another is the time") if meaning.why == EITHER else meaning
+            for meaning in meant
+        ]
     return meant
 
 
@@ -325,27 +337,32 @@ def _with_angles(
     source: SourceTable, meant: list[Meaning], joints: Sequence[str], slides: Sequence[str]
 ) -> list[Meaning]:
     """Return what columns are with units of external axes, and those of angles that a comment or a size shows."""
-    for i, one in enumerate(meant):
-        if one.why == OUTER and one.unit is None and one.name in joints:
-            meant[i] = replace(one, unit="mm" if one.name in slides else "deg", why="as this controller writes it")
-        elif one.why == OUTER and (numbers(source.columns[i]) == 0.0).all():
-            meant[i] = replace(one, kind="unused", unit="", why="0 in every row: no axis is there")
+    for i, meaning in enumerate(meant):
+        if meaning.why == OUTER and meaning.unit is None and meaning.name in joints:
+            meant[i] = replace(
+                meaning, unit="mm" if meaning.name in slides else "deg", why="as this controller writes it"
+            )
+        elif meaning.why == OUTER and (numbers(source.columns[i]) == 0.0).all():
+            meant[i] = replace(meaning, kind="unused", unit="", why="0 in every row: no axis is there")
 
-    def is_open(one: Meaning) -> bool:
-        return one.unit is None and one.name not in slides and one.why != OUTER
+    def is_open(meaning: Meaning) -> bool:
+        return meaning.unit is None and meaning.name not in slides and meaning.why != OUTER
 
     # One joint beyond a turn shows the unit of all.
-    of_joints = [numbers(cells) for one, cells in zip(meant, source.columns, strict=True)
-                 if one.kind == "joint" and is_open(one)]  # fmt: skip
+    of_joints = [numbers(cells) for meaning, cells in zip(meant, source.columns, strict=True)
+                 if meaning.kind == "joint" and is_open(meaning)]  # fmt: skip
     sizes = [float(np.nanmax(np.abs(values))) for values in of_joints if np.isfinite(values).any()]
     angles = stated(source, ANGLE_UNITS)
     if len(angles) == 1 and max(sizes, default=0.0) * ANGLE_UNITS[angles[0]] <= TURN:
         return changed(
-            meant, lambda one: one.kind in ("joint", "turn") and is_open(one), unit=angles[0], why="a comment"
+            meant,
+            lambda meaning: meaning.kind in ("joint", "turn") and is_open(meaning),
+            unit=angles[0],
+            why="a comment",
         )
     if sizes and TURN < max(sizes) <= np.degrees(TURN):  # beyond a turn in degrees it is neither
         why = f"a value of {max(sizes):.4g} is no angle in rad"
-        return changed(meant, lambda one: one.kind == "joint" and is_open(one), unit="deg", why=why)
+        return changed(meant, lambda meaning: meaning.kind == "joint" and is_open(meaning), unit="deg", why=why)
     return meant
 
 
@@ -372,7 +389,10 @@ def combined(
         asked = meaning.column in taken or meaning.column.startswith(RECORDED) or meaning.name in joints
         if OPERATORS.search(text) and named and all(part.kind == "joint" for part in named) and not asked:
             computed[meaning.column] = [part.name for part in named]
-    there, wrong = {one.name for one in meant if one.kind == "joint" and one.column not in computed}, list[str]()
+    there, wrong = (
+        {meaning.name for meaning in meant if meaning.kind == "joint" and meaning.column not in computed},
+        list[str](),
+    )
     for column, names in computed.items() if not source.part else ():
         if missing := [name for name in names if name not in there]:
             text = f"{source.path}: column {column!r} is computed of joints, expected a column of {missing[0]} alone:"

@@ -92,30 +92,35 @@ def _as(meaning: Meaning, unit: str) -> str:
 def _with_units(record: Record, ask: Ask | None, slides: Sequence[str]) -> tuple[Record, list[str]]:
     """Return a file with the units that are stated nowhere as answered, and what is wrong with others."""
     meant, wrong, answers = [], list[str](), dict[tuple[str, tuple[str, ...]], str]()
-    for one in record.meant:
-        if one.kind in ("joint", "coordinate", "turn") and one.unit is None:
-            length = one.kind == "coordinate" or (one.kind == "joint" and one.name in slides)
-            choices = ("mm", "m", "inch") if length else ("mm", "deg") if one.why == OUTER else ("deg", "rad")
-            kind = (one.kind, choices)
+    for meaning in record.meant:
+        if meaning.kind in ("joint", "coordinate", "turn") and meaning.unit is None:
+            length = meaning.kind == "coordinate" or (meaning.kind == "joint" and meaning.name in slides)
+            choices = ("mm", "m", "inch") if length else ("mm", "deg") if meaning.why == OUTER else ("deg", "rad")
+            kind = (meaning.kind, choices)
             if ask is not None and kind not in answers:
-                answers[kind] = ask(f"{record.path.name}: in which unit is {one.column!r}, and all like it?", choices)
+                answers[kind] = ask(
+                    f"{record.path.name}: in which unit is {meaning.column!r}, and all like it?", choices
+                )
             if kind in answers:
-                one = replace(one, unit=answers[kind], why="as answered")
+                meaning = replace(meaning, unit=answers[kind], why="as answered")
             else:
-                several = listing(stated(record)) if one.kind == "coordinate" else ""
+                several = listing(stated(record)) if meaning.kind == "coordinate" else ""
                 text = f"is stated as {several}" if several else "is stated nowhere"
-                text = f"{record.path}: the unit of column {one.column!r} {text}:"
-                wrong.append(f"{text} --take '{one.column}={_as(one, choices[0])}' or ={_as(one, choices[1])}")
-        elif unknown := _unknown_unit(record, one):
+                text = f"{record.path}: the unit of column {meaning.column!r} {text}:"
+                wrong.append(
+                    f"{text} --take '{meaning.column}={_as(meaning, choices[0])}' or ={_as(meaning, choices[1])}"
+                )
+        elif unknown := _unknown_unit(record, meaning):
             wrong.append(unknown)
-            one = replace(one, unit="")
-        elif one.kind in ("coordinate", "joint") and one.why != "as asked":
-            units = LENGTHS if one.kind == "coordinate" else ANGLE_UNITS
-            others = stated(record, units) if one.unit in units else []
-            if others and not any(np.isclose(units[one.unit or ""], units[other]) for other in others):
-                text = f"{record.path}: {one.column!r} is in {one.unit}, and the file's head says {listing(others)}:"
-                wrong.append(f"{text} --take '{one.column}={_as(one, one.unit or '')}' if it is")
-        meant.append(one)
+            meaning = replace(meaning, unit="")
+        elif meaning.kind in ("coordinate", "joint") and meaning.why != "as asked":
+            units = LENGTHS if meaning.kind == "coordinate" else ANGLE_UNITS
+            others = stated(record, units) if meaning.unit in units else []
+            if others and not any(np.isclose(units[meaning.unit or ""], units[other]) for other in others):
+                text = f"{record.path}: {meaning.column!r} is in {meaning.unit}"
+                text += f", and the file's head says {listing(others)}:"
+                wrong.append(f"{text} --take '{meaning.column}={_as(meaning, meaning.unit or '')}' if it is")
+        meant.append(meaning)
     return replace(record, meant=tuple(meant)), wrong
 
 
