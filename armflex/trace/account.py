@@ -83,7 +83,7 @@ def weighed(here: Standing) -> Weighed:
         model, folds = evidence.here(here.model), Folds(evidence, pose_folds(state.groups))
         resamples = resampled(evidence, model, parted_by(state), folds)
         families = beside_families(evidence, model, state, here.screen.unit)
-        for times in (resamples.times[: RESAMPLES // 5], resamples.times):  # few are enough for what is sure
+        for times in (resamples.times[: RESAMPLES // 5], resamples.times):
             posterior = bagged(evidence, model, times, families=families)
             credible = posterior.credible
             after = _with_likelier(here, evidence, model, posterior)

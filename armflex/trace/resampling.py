@@ -35,7 +35,8 @@ from armflex.trace.state import State
 from armflex.trace.validate import Folds
 
 RESAMPLES = 50
-"""Tolerance: resamples of a campaign; an average over them is off by 0.07 at most (one standard error)."""
+"""Tolerance: resamples of a campaign, a fifth where all is sure; an average over them is off by 0.07 at most (one
+standard error)."""
 
 POSES = "poses"
 
@@ -79,8 +80,11 @@ def resampled(evidence: Dense, own: Model, parted: Mapping[str, np.ndarray], pos
             by_chance = float(chdtrc(freedom, ratio * freedom)) / DOUBT
     number = int(drawn.max()) + 1
     size = round(number * (1.0 + by_chance))
-    draws = np.random.default_rng(seed).multinomial(size, np.full(number, 1.0 / number), size=RESAMPLES)
-    return Resampled(by, most, np.repeat((draws * number / size)[:, drawn], count, axis=1))
+    rng, draws = np.random.default_rng(seed), list[Array]()
+    for _ in range(5):  # each part as often as another in a fifth of them: their mean is the campaign
+        parts = rng.permutation(np.resize(rng.permutation(number), RESAMPLES // 5 * size))
+        draws += [np.bincount(part, minlength=number) for part in parts.reshape(-1, size)]
+    return Resampled(by, most, np.repeat((np.array(draws) * number / size)[:, drawn], count, axis=1))
 
 
 def parted_by(state: State) -> dict[str, np.ndarray]:

@@ -37,7 +37,8 @@ def test_readings_that_scatter_independently_are_drawn_by_poses() -> None:
     assert np.mean([each.by == POSES and each.mismatch == 1.0 for each in drawn]) >= 0.9
     assert all(np.allclose(each.times.sum(axis=1), POSE_COUNT) for each in drawn)
     twice = [each.times for each in drawn if each.mismatch == 1.0]  # as many, each of which counts half
-    assert np.var(twice) == pytest.approx(0.5, rel=0.05)
+    assert np.var(twice) == pytest.approx(0.5 * 0.9, rel=0.05)
+    assert all(np.allclose(times.reshape(5, 10, -1).mean(axis=1), 1.0) for times in twice)
 
 
 def test_an_error_that_neighbours_share_is_seen_by_the_parts_that_share_it() -> None:
