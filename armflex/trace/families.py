@@ -604,7 +604,7 @@ def _looking(tips: Array, rows: np.ndarray) -> Iterator[Member]:
         kernel = np.exp(-0.5 * cdist(tips, seen, "sqeuclidean") / length**2)
         fields.append(kernel @ (terms[:, large] * np.sqrt(len(seen)) / values[large]))
         variances.append(values[large] / len(seen))
-    waves, sizes = np.hstack(fields), block_diag(*variances)
+    waves, sizes = np.hstack(fields), np.asarray(block_diag(*variances), dtype=float)
     waves -= waves[rows].mean(axis=0)
     for axis in TWIST_NAMES[:3]:
         walk = Walk(BASE, axis, np.ones(waves.shape[1]), waves, words="where it looks")

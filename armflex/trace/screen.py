@@ -311,13 +311,20 @@ class Dense(Evidence):
     def among(self, places: np.ndarray) -> tuple[Array, Array]:
         return self._gram[np.ix_(places, places)], self._scores[places]
 
-    def resampled(self, times: Array) -> Dense:
+    def of_rows(self, times: Array) -> Dense:
         """Return the same where each of (n,) readings counts so many times; those of no time are left out."""
         if np.all(times == 1.0):
             return self
         some = times > 0.0
         columns = self.columns[some] * np.sqrt(times[some])[:, None]
         return Dense(self.groups, columns, self.projection.resampled(times), self.priors, self.numbers)
+
+    def resampled(self, times: Array) -> Dense:
+        """Return the same in a resample, in which each of (n,) readings counts so many times."""
+        part = self.of_rows(times)
+        if part is not self:
+            part.doubled = float(np.var(times))
+        return part
 
     def extended(self, more: Sequence[Hypothesis], columns: Sequence[Array], projection: Projection) -> Dense:
         """Return these hypotheses and more, with (n, k) scaled columns of each, beside what another projection has."""

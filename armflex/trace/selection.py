@@ -172,6 +172,8 @@ class Evidence(ABC):
         freedom: Degrees of freedom n: readings less what is fitted to them anyway.
         constant: Log likelihood that all models share, by which states of a search differ.
         error: Share of what a climb has gained by which the linear problem may be wrong; what adds less is not added.
+        doubled: Variance that readings have beyond that of their noise, by that: of a resample, in which some are twice.
+            Of every amplitude that they determine its half is expected to be gained by it, which is taken off.
     """
 
     groups: list[Group]
@@ -180,6 +182,7 @@ class Evidence(ABC):
     freedom: float
     error: float
     constant: float = 0.0
+    doubled: float = 0.0
 
     @abstractmethod
     def among(self, places: np.ndarray) -> tuple[Array, Array]:
@@ -309,7 +312,9 @@ class Beside:
             if evidence.groups[chosen.number].hypothesis.positive:
                 std = self.noise * float(np.linalg.norm(self.inverse[:, first]))
                 prior += float(_sign(float(self.inverse[:, first] @ self.pull) / std))
-        return prior + float(log_likelihood(self.left, evidence.freedom)) - 0.5 * self.volume + evidence.constant
+        determined = len(self.places) - float(self.held @ (self.inverse**2).sum(axis=0))
+        prior += evidence.constant - 0.5 * evidence.doubled * determined
+        return prior + float(log_likelihood(self.left, evidence.freedom)) - 0.5 * self.volume
 
     @property
     def odds(self) -> Array:
@@ -339,6 +344,7 @@ class Beside:
             held = values[:, None, :] + tight
             left = np.maximum(self.left - (turned[:, None, :] ** 2 / held).sum(axis=2), 1e-9 * self.left)
             logs = log_likelihood(left, freedom) - here - 0.5 * np.log(held / tight).sum(axis=2)
+            logs -= 0.5 * self.evidence.doubled * (values[:, None, :] / held).sum(axis=2)
             if signed.any():
                 std = np.sqrt(held[signed, :, 0] * np.maximum(left[signed] / freedom, 1.0))
                 logs[signed] += _sign(turned[signed, None, 0] / std)

@@ -65,7 +65,7 @@ class Folds:
         of_readings = np.repeat(folds, len(evidence.projection.data) // len(folds))
         self.evidence = evidence
         self.learned = [of_readings != number for number in range(int(folds.max()) + 1)]
-        self.parts = [evidence.resampled(learned.astype(float)) for learned in self.learned]
+        self.parts = [evidence.of_rows(learned.astype(float)) for learned in self.learned]
         self.anew = [climbed(part, begun) for part in self.parts]
 
     def left(self, models: Sequence[Model]) -> Array:

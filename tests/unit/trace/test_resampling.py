@@ -87,9 +87,9 @@ def test_a_reading_that_counts_twice_is_one_read_twice() -> None:
     evidence, columns = campaign(0, 0.0)
     rows = np.repeat(np.arange(POSE_COUNT), 2)
     twice = problem(columns[rows], evidence.projection.data[rows], np.full(12, np.log(0.1)))
-    counted = evidence.resampled(np.full(POSE_COUNT, 2.0))
+    counted = evidence.of_rows(np.full(POSE_COUNT, 2.0))
     np.testing.assert_allclose(counted.beside(()).odds, twice.beside(()).odds, rtol=1e-12)
-    half = evidence.resampled((np.arange(POSE_COUNT) % 2).astype(float))
+    half = evidence.of_rows((np.arange(POSE_COUNT) % 2).astype(float))
     other = problem(columns[1::2], evidence.projection.data[1::2], np.full(12, np.log(0.1)))
     np.testing.assert_allclose(half.beside(()).odds, other.beside(()).odds, rtol=1e-12)
 
