@@ -172,8 +172,8 @@ class Evidence(ABC):
         freedom: Degrees of freedom n: readings less what is fitted to them anyway.
         constant: Log likelihood that all models share, by which states of a search differ.
         error: Share of what a climb has gained by which the linear problem may be wrong; what adds less is not added.
-        doubled: Variance that readings have beyond that of their noise, by that: of a resample, in which some are twice.
-            Of every amplitude that they determine its half is expected to be gained by it, which is taken off.
+        doubled: Variance of how often a reading counts, of a resample. Every amplitude that the readings determine is
+            expected to gain half as many nats by noise that counts twice, which are taken off.
     """
 
     groups: list[Group]
