@@ -38,7 +38,7 @@ from armflex.laws.effects.drive_curve import DRIVE_CURVE, MOST_SINES
 from armflex.laws.effects.effect import TwistLaw
 from armflex.laws.effects.encoder_eccentricity import ENCODER_ECCENTRICITY
 from armflex.laws.effects.encoder_scale import ENCODER_SCALE
-from armflex.laws.effects.location import BASE, Location, drive_axis
+from armflex.laws.effects.location import BASE, LINK, Location, drive_axis
 from armflex.laws.effects.shapes import PAIRS, ROUNDING
 from armflex.laws.effects.unnamed import LINE, LINE_COMPLIANCE, LINE_PLAY
 from armflex.laws.effects.wandering import BASE_WANDERING, DRIVE_WANDERING, WALK_TERMS, walk_at, walk_terms
@@ -397,15 +397,19 @@ class Sized:
         sizes = self._as(background)
         return tuple(name for name in background.names if sizes.lost_without(*self.kinds.of(name)) < 4.0 * WITHIN)
 
-    def together(self, name: str, background: Background) -> Array:
-        """Return the (n, K) whitened columns of a family for amplitudes of one size.
+    def together(self, name: str, background: Background) -> tuple[Array, np.ndarray]:
+        """Return the (n, K) whitened columns of a family for amplitudes of one size, and (K,) the place of each.
 
         Its lengths are to one another as in a background, as they usually are where that has none of them.
         """
         lengths = self.kinds.of(name)
         ratios = self._as(background).ratios[lengths]
         std = np.sqrt((ratios if ratios.any() else self.model.usual[lengths]) @ self.model.variances[lengths])
-        return self.kinds.columns[:, std > 0.0] * std[std > 0.0]
+        places = np.repeat(
+            np.array([part.place[0].removeprefix(LINK) for part in self.kinds.parts], dtype=object),
+            [part.variances.shape[1] for part in self.kinds.parts],
+        )
+        return self.kinds.columns[:, std > 0.0] * std[std > 0.0], places[std > 0.0]
 
     def _as(self, background: Background) -> Components:
         """Return the sizes that a background has."""

@@ -109,7 +109,8 @@ def beside_families(evidence: Dense, model: Model, state: State, unit: float) ->
     """Return what competes with the families that a resample may have or do without as further hypotheses.
 
     A name that explains no more than a family does not survive where it is: it must beat that in every resample, as a
-    name beside families that stay as they are need not.
+    name beside families that stay as they are need not. A family that does at the place of a name most of what the name
+    does is no rival of it: it says the same of that place.
 
     Args:
         evidence: What competes beside the families of a state.
@@ -125,21 +126,30 @@ def beside_families(evidence: Dense, model: Model, state: State, unit: float) ->
     sized, background, count = state.sized, state.background, len(evidence.groups)
     doubted = sized.doubted(background)
     projection = state.bare_without(*doubted).condensed
-    families, columns = list[Hypothesis](), list[Array]()
+    families, columns, where = list[Hypothesis](), list[Array](), list[dict[str, Array]]()
     for name in (*doubted, *(name for name in sized.kinds.names if name not in background.names)):
-        together = sized.together(name, background) / state.quiet
+        together, places = sized.together(name, background)
         together *= np.sqrt(unit / max(float((together**2).sum()), 1e-300))
         information, axes = np.linalg.eigh(projection.inside(together))
+        axes = axes[:, information * SCALES[0] ** 2 > LEAST_INFORMED]
         families.append(of_family(name, len(sized.kinds.names)))
-        columns.append(together @ axes[:, information * SCALES[0] ** 2 > LEAST_INFORMED])
+        columns.append(together @ axes)
+        where.append({place: together[:, places == place] @ axes[places == place] for place in set(places)})
     whole, with_common = evidence.extended(families, columns, projection), model
     for number in range(count, count + len(doubted)):
         scale = int(whole.beside(with_common).odds_at(number).argmax())
         with_common = (*with_common, Chosen(number, scale))
     competes = np.arange(len(families)) < len(doubted)
     for place, chosen in enumerate(model):
-        odds = whole.beside(without(with_common, place)).odds.max(axis=1)
-        competes |= odds[count:] > max(odds[chosen.number] - 4.0 * WITHIN, 0.0)
+        others, beside = without(with_common, place), whole.beside(with_common)
+        named = evidence.columns[:, evidence.groups[chosen.number].places] @ beside.values[beside.own[place]]
+        site = evidence.groups[chosen.number].hypothesis.one.location.place
+        odds = whole.beside(others).odds
+        for i in np.flatnonzero(odds[count:].max(axis=1) > max(odds[chosen.number].max() - 4.0 * WITHIN, 0.0)):
+            instead = whole.beside((*others, Chosen(int(count + i), int(odds[count + i].argmax()))))
+            there = where[i][site] @ instead.values[instead.own[-1]] if site in where[i] else 0.0
+            left = projection.inside(np.column_stack([named, named - there]))
+            competes[i] |= left[1, 1] > 0.5 * left[0, 0]
     kept = np.flatnonzero(competes).tolist()  # those that the state has come first and keep their numbers
     return evidence.extended([families[i] for i in kept], [columns[i] for i in kept], projection), with_common
 

@@ -57,7 +57,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Trace:
     truth.train.write_text("\n".join([header, *rows]) + "\n")
     arm = armflex.load_arm(truth.arm)
     measurements = armflex.read_measurements(truth.train, arm)
-    return trace(arm, measurements, np.flatnonzero(measurements.measured)[::2])
+    return trace(arm, measurements)
 
 
 @pytest.fixture(scope="module")

@@ -34,7 +34,7 @@ CONTRACT = {
 
 @pytest.fixture(scope="module")
 def truth(tmp_path_factory: pytest.TempPathFactory) -> Truth:
-    return draw("backlash", 1, "six").write(tmp_path_factory.mktemp("field"))
+    return draw("backlash", 1, "six").write(tmp_path_factory.mktemp("field"), every=3)
 
 
 def exported(truth: Truth, folder: Path) -> tuple[Path, Path]:
