@@ -18,15 +18,14 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.linalg import block_diag, cholesky, eigh, solve, solve_triangular
-from scipy.spatial.distance import cdist
+from scipy.linalg import cholesky, solve, solve_triangular
 
 from armflex.conventions import RESOLUTION, TWIST_NAMES, Array
 from armflex.estimate.block import Block, EffectBlock
 from armflex.estimate.fit import Fit
 from armflex.estimate.held_out import errors_of, pose_folds
 from armflex.estimate.pose_block import Walk
-from armflex.estimate.robust import EVEN, ROWS_AT_ONCE
+from armflex.estimate.robust import EVEN
 from armflex.estimate.variance_components import Components, MixedModel
 from armflex.laws.effects.backlash import BACKLASH
 from armflex.laws.effects.base_compliance import BASE_COMPLIANCE
@@ -510,9 +509,7 @@ def _parts(fit: Fit, context: Context, poses: int) -> Iterator[Member]:
     for name, x in recorded.items():
         yield from by_column(f"by {name}", BASE, name, x)
     yield from _wandering(fit, context)
-    tips = rigid_tips(view.arm.loaded(None), context.row.q)[:, :3, 3]
-    yield from _lagging(tips, context)
-    yield from _looking(tips, view.rows)
+    yield from _lagging(fit, context)
 
 
 def _over_position(joint: Joint, values: Array, lengths: Array, axes: Sequence[str], poses: int) -> Iterator[Member]:
@@ -578,38 +575,15 @@ def _wandering(fit: Fit, context: Context) -> Iterator[Member]:
         yield Member("wandering of the drives", whole(DRIVE_WANDERING, joint.name, drive_axis(joint)), sizes)
 
 
-def _lagging(tips: Array, context: Context) -> Iterator[Member]:
+def _lagging(fit: Fit, context: Context) -> Iterator[Member]:
     """Yield what is read a share of the way behind: towards where the tip was in the row before, along every axis.
 
-    An instrument that averages is, and an arm that has not come to rest. Of (N, 3) places of the tip.
+    An instrument that averages is, and an arm that has not come to rest.
     """
+    tips = rigid_tips(fit.view.arm.loaded(None), context.row.q)[:, :3, 3]
     behind = np.zeros_like(tips)
     for rows in context.pieces:
         behind[rows[1:]] = tips[rows[:-1]] - tips[rows[1:]]
     for axis, way in zip(TWIST_NAMES, behind.T, strict=False):
         walk = Walk(BASE, axis, np.ones(1), way[:, None], words="behind")
         yield Member("lag of the instrument", walk, np.ones((1, 1)))
-
-
-def _looking(tips: Array, rows: np.ndarray) -> Iterator[Member]:
-    """Yield smooth fields over where the instrument looks, along every axis: warm air, lenses, encoders of its own.
-
-    They are Gaussian processes over (N, 3) places of the tip, two lengths of them, by the foremost terms that their
-    kernels have at some (M,) rows that were read.
-    """
-    seen = tips[rows[np.linspace(0, len(rows) - 1, min(len(rows), ROWS_AT_ONCE // 4)).astype(int)]]
-    spread = np.sqrt(((seen - seen.mean(axis=0)) ** 2).sum(axis=1).mean())
-    if spread == 0.0:
-        return
-    fields, variances = list[Array](), list[Array]()
-    for length in (0.35 * spread, spread):
-        values, terms = eigh(np.exp(-0.5 * cdist(seen, seen, "sqeuclidean") / length**2))
-        large = np.flatnonzero(values > RESOLUTION * values[-1])[-WALK_TERMS:]
-        kernel = np.exp(-0.5 * cdist(tips, seen, "sqeuclidean") / length**2)
-        fields.append(kernel @ (terms[:, large] * np.sqrt(len(seen)) / values[large]))
-        variances.append(values[large] / len(seen))
-    waves, sizes = np.hstack(fields), np.asarray(block_diag(*variances), dtype=float)
-    waves -= waves[rows].mean(axis=0)
-    for axis in TWIST_NAMES[:3]:
-        walk = Walk(BASE, axis, np.ones(waves.shape[1]), waves, words="where it looks")
-        yield Member("field of the instrument", walk, sizes)

@@ -179,17 +179,6 @@ def test_an_instrument_that_wandered_is_where_it_was_on_its_clock_and_on_average
     assert np.median(left.sigma @ along) == pytest.approx(walk.std(), rel=0.35)
 
 
-def test_what_bends_a_beam_is_a_field_of_the_instrument() -> None:
-    """A smooth error over where the target is: no drive, and nothing that hangs there."""
-    arm, rows = six_axes.campaign(300)
-    position = rows.readings.kinds[0]
-    bent = 1e-3 * np.sin(4.0 * position.values[:, [1, 2, 0]]) * np.cos(3.0 * position.values)
-    rows = replace(rows, readings=Readings(len(rows), (replace(position, values=position.values + bent),)))
-    state = with_families(begin(calibrate(arm, rows, as_stated=True)))
-    assert state.background.names == ("field of the instrument",)
-    assert state.fit.rms < 0.5 * state.first.rms and not state.background.effects
-
-
 def test_where_nothing_is_hidden_no_family_is_fitted(tmp_path) -> None:
     """However noisy; `python tests/studies/kinds.py` counts forty such machines."""
     files = draw("none_noisier", 7001, "six").write(tmp_path)
