@@ -19,6 +19,7 @@ from armflex.intake.recordings import read_sources
 from armflex.intake.settled import no_place, settled, unturned
 from armflex.intake.sources import SourceTable
 from armflex.intake.standing import standing
+from armflex.measured.points import LENGTHS
 
 
 def intake(
@@ -153,11 +154,16 @@ def _together(
         wrong.append("the files have coordinates: --sigma 0.05mm says how well one is measured")
     if sigma_r is not None and points:
         wrong += unturned(points)
-    for record in records if wrong else ():
-        if {"x", "y", "z"} <= {*record.header} and any(name.startswith("sigma") for name in record.header):
-            wrong.append(
-                f"{record.path}: has x y z and sigma, as a campaign in SI: calibrate and trace read one as it is"
-            )
+    for record in records:
+        names = {name.rpartition("_")[0] if name.rpartition("_")[2] in LENGTHS else name for name in record.header}
+        stds = [name for name in record.header if name.startswith("sigma")]
+        if not {"x", "y", "z"} <= names or not stds:
+            continue
+        if len(records) == 1:
+            wrong.append(f"{record.path}: has x y z and sigma, as a campaign: calibrate and trace read one as it is")
+        elif sigma is not None and any(meaning.column in stds and meaning.kind != "unused" for meaning in record.meant):
+            text = f"column {stds[0]!r} says how well a coordinate is measured, as --sigma does:"
+            wrong.append(f"{record.path}: {text} --take '{stds[0]}=unused' where that is right")
     return wrong
 
 

@@ -47,8 +47,17 @@ def test_an_open_unit_is_asked_for_or_refused_with_everything_else(tmp_path: Pat
 def test_a_campaign_as_it_is_needs_no_intake(tmp_path: Path) -> None:
     path = tmp_path / "campaign.csv"
     path.write_text("q_J1,x,y,z,sigma\n" + "\n".join(f"0.{i},1,2,3,1e-4" for i in range(5)))
-    with pytest.raises(InputError, match="has x y z and sigma, as a campaign in SI: calibrate and trace read one as"):
+    with pytest.raises(InputError, match="has x y z and sigma, as a campaign: calibrate and trace read one as"):
         intake([path], 5e-5)
+    path.write_text("q_J1_deg,x_mm,y_mm,z_mm,sigma_mm\n" + "\n".join(f"0.{i},1,2,3,0.1" for i in range(5)))
+    with pytest.raises(InputError, match="as a campaign: calibrate and trace read one as"):
+        intake([path], 5e-5)
+    log, export = tmp_path / "log.csv", tmp_path / "points.csv"
+    log.write_text("point,q_J1_deg\n" + "\n".join(f"P{i},{i}.5" for i in range(5)))
+    export.write_text("point,x_mm,y_mm,z_mm,sigma_mm\n" + "\n".join(f"P{i},{i}01.5,20{i}.5,3,0.1" for i in range(5)))
+    with pytest.raises(InputError, match="'sigma_mm' says how well a coordinate is measured, as --sigma does: --take"):
+        intake([log, export], 5e-5)
+    assert "sigma_mm" not in intake([log, export], 5e-5, {"sigma_mm": "unused"}).columns
 
 
 def test_columns_are_listed_in_the_order_of_the_files(tmp_path: Path) -> None:
