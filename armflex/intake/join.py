@@ -19,7 +19,6 @@ from armflex.intake.recordings import read_sources
 from armflex.intake.settled import no_place, settled, unturned
 from armflex.intake.sources import SourceTable
 from armflex.intake.standing import standing
-from armflex.measured.points import LENGTHS
 
 
 def intake(
@@ -155,15 +154,16 @@ def _together(
     if sigma_r is not None and points:
         wrong += unturned(points)
     for record in records:
-        names = {name.rpartition("_")[0] if name.rpartition("_")[2] in LENGTHS else name for name in record.header}
-        stds = [name for name in record.header if name.startswith("sigma")]
-        if not {"x", "y", "z"} <= names or not stds:
+        stds = [meaning.column for meaning in record.meant if meaning.kind != "unused"]
+        stds = [name for name in stds if name.startswith("sigma")]
+        if not stds or not record.has("coordinate"):
             continue
-        if len(records) == 1:
-            wrong.append(f"{record.path}: has x y z and sigma, as a campaign: calibrate and trace read one as it is")
-        elif sigma is not None and any(meaning.column in stds and meaning.kind != "unused" for meaning in record.meant):
+        if record.role == "log" and all(meaning.column.startswith("q_") for meaning, _ in record.of("joint")):
+            text = "has x y z and sigma, as a campaign: calibrate and trace read one as it is"
+        else:
             text = f"column {stds[0]!r} says how well a coordinate is measured, as --sigma does:"
-            wrong.append(f"{record.path}: {text} --take '{stds[0]}=unused' where that is right")
+            text += f" --take '{stds[0]}=unused' where that is right"
+        wrong.append(f"{record.path}: {text}")
     return wrong
 
 

@@ -84,32 +84,23 @@ class Distance(Kind):
             return deviation
         from scipy.optimize import least_squares  # not needed to import the package
 
-        reading = self.some(read)
-        here = replace(at.some(read), sensors={self.name: replace(sensor, found={"": deviation})})
-        size = np.maximum(
-            reading.sigma[:, 0], 1e-3
-        )  # standard deviation of a length [m] while nothing else is fitted yet
-        frame = here.end(self.name, "eye").pose  # as the anchor's link sees the points
-        points = np.einsum("nij,ni->nj", frame[:, :3, :3], here.end(self.name).place - frame[:, :3, 3])
-        gain = reading.gain(here)[:, 0]
+        reading, here = self.some(read), at.some(read)
+        size = np.maximum(reading.sigma, 1e-3)  # standard deviation of a length [m] while nothing else is fitted yet
 
-        def seen(step: Array) -> tuple[Array, Array]:
-            """Return (N, 3) ways to the points from an anchor, and (4,) it and a zero, steps from the declared ones."""
-            place = sensor.declared[:4].copy()
-            place[free] += step
-            return points - place[:3], place
+        def where(step: Array) -> Postures:
+            values = np.zeros(len(sensor.std))
+            values[free] = step
+            return replace(here, sensors={self.name: replace(sensor, found={"": values})})
 
         def errors(step: Array) -> Array:
-            away, place = seen(step)
-            off = reading.values[:, 0] - gain * np.linalg.norm(away, axis=1) - place[3]
-            return np.append(off / size, step / sensor.std[free])
+            off = (reading.values - reading.predicted(where(step))) / size
+            return np.append(off, step / sensor.std[free])
 
         def slopes(step: Array) -> Array:
-            away, _ = seen(step)
-            by_anchor = away * (gain / np.maximum(np.linalg.norm(away, axis=1), 1e-12))[:, None]
-            each = np.column_stack([by_anchor, np.full(len(away), -1.0)])[:, free] / size[:, None]
-            return np.vstack([each, np.diag(1.0 / sensor.std[free])])
+            return np.vstack([-reading.by_own(where(step))[:, 0, free] / size, np.diag(1.0 / sensor.std[free])])
 
+        frame = here.end(self.name, "eye").pose  # as the anchor's link sees the points
+        points = np.einsum("nij,ni->nj", frame[:, :3, :3], here.end(self.name).place - frame[:, :3, 3])
         middle = points.mean(axis=0)
         normal = np.linalg.svd(points - middle, full_matrices=False)[2][-1]
         image = -2.0 * ((sensor.declared[:3] - middle) @ normal) * normal

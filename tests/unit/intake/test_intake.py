@@ -52,6 +52,10 @@ def test_a_campaign_as_it_is_needs_no_intake(tmp_path: Path) -> None:
     path.write_text("q_J1_deg,x_mm,y_mm,z_mm,sigma_mm\n" + "\n".join(f"0.{i},1,2,3,0.1" for i in range(5)))
     with pytest.raises(InputError, match="as a campaign: calibrate and trace read one as"):
         intake([path], 5e-5)
+    assert "sigma_mm" not in intake([path], 5e-5, {"sigma_mm": "unused"}).columns
+    path.write_text(path.read_text().replace("q_J1_deg", "J1 [deg]"))
+    with pytest.raises(InputError, match="'sigma_mm' says how well a coordinate is measured, as --sigma does: --take"):
+        intake([path], 5e-5)
     log, export = tmp_path / "log.csv", tmp_path / "points.csv"
     log.write_text("point,q_J1_deg\n" + "\n".join(f"P{i},{i}.5" for i in range(5)))
     export.write_text("point,x_mm,y_mm,z_mm,sigma_mm\n" + "\n".join(f"P{i},{i}01.5,20{i}.5,3,0.1" for i in range(5)))
