@@ -102,10 +102,11 @@ class Prepared:
         if self._last is None:
             n = len(self._loaded.arm.sites)
             return Rest(np.zeros(6), np.zeros((n, 6)), np.zeros((n, 6)))
-        _, given, rest = self._last
+        q, given, rest = self._last
         if isinstance(rest, np.ndarray):  # without loads
             rest = self._workspace()(self.q, given, None)
             assert rest is not None
+            self._last = q, given, rest
         return rest
 
     @property

@@ -34,18 +34,9 @@ from armflex.trace.findings import (
 )
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.probabilities import CREDIBLE, Bagged, Credible, bagged, beside_families, competing
-from armflex.trace.resampling import RESAMPLES, Resampled, parted_by, resampled
+from armflex.trace.resampling import Resampled, parted_by, resampled
 from armflex.trace.screen import ALMOST, UNIT_MOTION, Dense
-from armflex.trace.search import (
-    Standing,
-    exchanged,
-    is_full,
-    linear,
-    refitted,
-    spots,
-    standing,
-    with_families,
-)
+from armflex.trace.search import Standing, exchanged, is_full, linear, refitted, spots, standing, with_families
 from armflex.trace.selection import BETTER, SCALES, Model, climbed, without
 from armflex.trace.state import State, lost_of, refit, sorted_out
 from armflex.trace.unrecorded import RandomTwist
@@ -83,7 +74,7 @@ def weighed(here: Standing) -> Weighed:
         model, folds = evidence.here(here.model), Folds(evidence, pose_folds(state.groups))
         resamples = resampled(evidence, model, parted_by(state), folds)
         families = beside_families(evidence, model, state, here.screen.unit)
-        for times in (resamples.times[: RESAMPLES // 5], resamples.times):
+        for times in (resamples.few, resamples.times):
             posterior = bagged(evidence, model, times, families=families)
             credible = posterior.credible
             after = _with_likelier(here, evidence, model, posterior)

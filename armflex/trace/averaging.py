@@ -263,8 +263,8 @@ def beside_calibrated(average: Averaged, folds: Folds, resamples: Resampled) -> 
 def _predicted(state: State, folds: Folds, times: Array) -> Array:
     """Return the (n,) whitened errors of readings predicted from the other folds by the average over models there.
 
-    Those of as many resamples in each fold as there are folds: fewer leave it a little worse than it is. What stays
-    behind in the campaign, such as a field of the instrument, is in no prediction.
+    Those of as many resamples in each fold as there are folds: fewer leave it a little worse than it is. What wanders
+    without a clock stays behind in the campaign, and is in no prediction.
     """
     whole, count = folds.evidence.projection, len(folds.parts)
     places = np.concatenate([np.zeros(0, dtype=int), *map(state.fit.places, state.background.walks)])

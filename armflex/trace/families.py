@@ -267,7 +267,7 @@ class Kinds:
         square = projection.objective + projection.freedom * LEAST_SCATTER**2
         model = MixedModel(0.5 * (gram + gram.T), score, square, projection.freedom, self.variances)
         start = [near.ratios.get(one, usual) for one, usual in zip(self.components, model.usual, strict=True)]
-        return Sized(self, projection, model, model.fitted(model.at(np.array(start))))
+        return Sized(self, projection, model, model.at(np.array(start)))
 
     def _with_constants(self, projection: Projection) -> Projection:
         view = self.fit.view
@@ -306,13 +306,22 @@ class Sized:
         kinds: The families.
         projection: What else is fitted.
         model: The linear problem.
-        fitted: The sizes.
+        begun: Sizes from which those are sought.
     """
 
     kinds: Kinds
     projection: Projection
     model: MixedModel
-    fitted: Components
+    begun: Components
+
+    @cached_property
+    def fitted(self) -> Components:
+        """The sizes.
+
+        Raises:
+            ConvergenceError: What families do is not finite.
+        """
+        return self.model.fitted(self.begun)
 
     @property
     def families(self) -> Families:

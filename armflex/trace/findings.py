@@ -33,7 +33,7 @@ from armflex.measured.repeats import repeats
 from armflex.parameters import ArmParameter
 from armflex.plan.asking import RequestedRows
 from armflex.result import Result
-from armflex.trace.averaging import Averaged, alone
+from armflex.trace.averaging import Averaged
 from armflex.trace.families import Families
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.resampling import Resampled
@@ -275,7 +275,7 @@ class Trace(Result):
     def accepted(self) -> list[tuple[Effect, Mapping[str, float]]]:
         """Effects with their standard uncertainties by name: those found, or of an unfinished search all it has."""
         if self.unfinished:
-            return list(zip(self.state.fitted, map(alone(self.state).std_of, self.state.effects), strict=True))
+            return list(zip(self.state.fitted, map(self.predicted.std_of, self.state.effects), strict=True))
         return [(one.effect, one.std) for one in self.found]
 
     @property

@@ -23,16 +23,7 @@ from armflex.trace.hypotheses import Hypothesis, oddness, of_family
 from armflex.trace.projection import LEAST_INFORMED
 from armflex.trace.refine import refine
 from armflex.trace.screen import ALMOST, Dense, Screen
-from armflex.trace.selection import (
-    MOST_COMPETING,
-    SCALES,
-    WITHIN,
-    Chosen,
-    Model,
-    climbed,
-    rivals,
-    without,
-)
+from armflex.trace.selection import MOST_COMPETING, SCALES, WITHIN, Chosen, Model, climbed, rivals, without
 from armflex.trace.state import State
 
 SWEEPS = 2
@@ -245,7 +236,8 @@ def bagged(
                 common = _drawn_families(part, slots, common, count, rng)
                 if None in slots:
                     continue  # what is drawn beside a model that lacks one is that one
-            beside = part.beside((*_present(slots[:i] + slots[i + 1 :]), *common.values()))
+            elsewhere = _present(slots[:i] + slots[i + 1 :])
+            beside = part.beside((*elsewhere, *common.values()))
             odds = beside.odds.copy()
             odds[list(common)] = -np.inf
             scale = float(np.logaddexp(0.0, logsumexp(odds)))
@@ -257,7 +249,7 @@ def bagged(
                 nothing[i] += unnamed
                 continue
             # Effects may have changed places: one that is in another's is there, and its own place says nothing of it.
-            held = sum(names[other.number] == mine[i] for other in _present(slots[:i] + slots[i + 1 :]))
+            held = sum(names[there.number] == mine[i] for there in elsewhere)
             if held >= mine.count(mine[i]):
                 chances[i, mine[i]] += 1.0
             else:

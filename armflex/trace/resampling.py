@@ -55,6 +55,11 @@ class Resampled:
     mismatch: float
     times: Array
 
+    @property
+    def few(self) -> Array:
+        """A fifth of them, which are enough for what is sure."""
+        return self.times[: RESAMPLES // 5]
+
 
 def resampled(evidence: Dense, own: Model, parted: Mapping[str, np.ndarray], poses: Folds, seed: int = 0) -> Resampled:
     """Return resamples of a campaign by the parts of it that a model foresees worst.

@@ -205,11 +205,7 @@ class State:
 
     @cached_property
     def sized(self) -> Sized:
-        """Families with the sizes that the evidence gives them beside the added effects.
-
-        Raises:
-            ConvergenceError: What families do is not finite.
-        """
+        """Families with the sizes that the evidence gives them beside the added effects."""
         return kinds_of(self.fit, self.context, self.groups).beside(self.named, self.background)
 
 

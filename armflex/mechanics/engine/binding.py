@@ -314,9 +314,9 @@ class OneRow:
         engine, self._held = self._engine, self._engine._work()
         displacement, twists, loads = addresses(parts_of(self._memory))
         room = address(self._held)
-        # In place: whoever holds `quick` has the addresses.
-        self._short.__init__(engine._arm, displacement, twists, None, room)
-        self._whole.__init__(engine._arm, displacement, twists, loads, room)
+        for asked, into in ((self._short, None), (self._whole, loads)):  # in place: `quick` has the address of one
+            asked.arm, asked.displacement, asked.twists = engine._arm, displacement, twists
+            asked.loads, asked.room = into, room
         engine._library.engine_ready(engine._arm, room)
 
     def __call__(self, q: Array, motion: Array | None = None) -> tuple[Array, Array, Array] | None:
