@@ -86,7 +86,7 @@ def weighed(here: Standing) -> Weighed:
         gone = [i for i, verdict in enumerate(credible[:-1]) if verdict.is_gone]
         if not gone:
             here.screen.forget()
-            average, seen = averaged(state, evidence, model, posterior.drawn), None
+            average, seen = averaged(state, evidence, model, posterior.drawn, resamples.parts), None
             if model or state.background.names:
                 average = beside_calibrated(average, folds, resamples)
             if model:

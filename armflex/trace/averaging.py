@@ -25,6 +25,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import solve
 from scipy.special import ndtri
 
 from armflex.arm import Setup
@@ -32,15 +33,16 @@ from armflex.conventions import Array
 from armflex.errors import ArmflexError
 from armflex.estimate.block import Block, EffectBlock, parameters_of, places_of
 from armflex.estimate.fit import ROUGH, THOROUGH, looked_at, moved, realise
-from armflex.estimate.held_out import errors_of, held_out, pose_folds
+from armflex.estimate.held_out import POSE_FOLDS, errors_of, held_out, pose_folds
 from armflex.estimate.robust import whitened_regressors, whitened_residual
 from armflex.laws.effects.effect import Effect
+from armflex.laws.effects.shapes import ROUNDING
 from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import DOUBT, Certainty, numbers_of
 from armflex.trace.probabilities import Drawn, bagged
 from armflex.trace.resampling import Resampled
 from armflex.trace.screen import Dense
-from armflex.trace.selection import MOST_TRIED, Model
+from armflex.trace.selection import Model
 from armflex.trace.state import State
 from armflex.trace.validate import Folds
 
@@ -54,7 +56,7 @@ class Averaged:
         rivals: Effects that some models have in the place of what was found, or beside it.
         values: (P,) of what is fitted, in its order, and then of the rivals.
         spread: (P, P) covariance of the values between models.
-        scatter: (P,) variance between resamples of the values of what was found, beside the same things.
+        scatter: (P,) variance of the values of what was found as parts of the campaign differ.
         errors: (M, n) of what is read foremost on poses held out, everything chosen and fitted without them [m]; None
             where none were.
         share: Weight of what was found and of families, 1 less that of the calibrated arm.
@@ -91,7 +93,7 @@ class Averaged:
         return tuple(block.at(self.values[places_of(block, self.blocks)]) for block in self.added)
 
     def std_of(self, block: EffectBlock) -> dict[str, float]:
-        """Return the standard uncertainties of what was found, by name: of the fit, or between resamples if larger."""
+        """Return the standard uncertainties of what was found, by name: of the fit, or between parts if larger."""
         fit = self.state.fit
         places = fit.places(block)
         return block.std(fit.values[places], np.maximum(fit.posterior.std[places], np.sqrt(self.scatter[places])))
@@ -101,8 +103,9 @@ class Averaged:
         stated = []
         for block, effect in zip(self.added, self.effects, strict=True):
             covariance = certainty.among(block.parameters)
-            std = np.full(len(block.parameters), np.inf) if covariance is None else np.sqrt(np.diag(covariance))
-            sizes = block.std(self.values[places_of(block, self.blocks)], std)
+            places = places_of(block, self.blocks)
+            std = np.full(len(places), np.inf) if covariance is None else np.sqrt(np.diag(covariance))
+            sizes = block.std(self.values[places], np.maximum(std, np.sqrt(self.scatter[places])))
             stated.append((effect, {name: size for name, size in sizes.items() if np.isfinite(size)}))
         return stated
 
@@ -127,10 +130,17 @@ def alone(state: State) -> Averaged:
     return Averaged(state, (), state.fit.values, np.zeros((count, count)), np.zeros(count))
 
 
-def averaged(state: State, evidence: Dense, own: Model, drawn: Sequence[Drawn]) -> Averaged:
+def averaged(state: State, evidence: Dense, own: Model, drawn: Sequence[Drawn], parts: np.ndarray) -> Averaged:
     """Return the average over models that were drawn in place of a state's own.
 
     Rivals that are in fewer of them than `DOUBT` are predicted by what is fitted anyway, as far as that can.
+
+    Args:
+        state: Which.
+        evidence: What competes.
+        own: The state's model, of `evidence`.
+        drawn: Those in place of it.
+        parts: (M,) part of every row that resamples were drawn of.
     """
     fit, mine = state.fit, [chosen.number for chosen in own]
     shares = Counter(number for draw in drawn for number in {chosen.number for chosen in draw.model} - {*mine})
@@ -176,34 +186,37 @@ def averaged(state: State, evidence: Dense, own: Model, drawn: Sequence[Drawn]) 
     start = np.concatenate([fit.values, np.zeros(count - len(fit.values))])
     view, weights = looked_at(fit, blocks, start), fit.weights
     wanted = whitened_residual(view, weights) - whitened_regressors(blocks, view, weights) @ step
-    scatter = _scatter(state, mine, drawn)
-    whole[np.diag_indices(len(scatter))] = np.maximum(np.diag(whole)[: len(scatter)], scatter)
-    average = Averaged(state, rivals, moved(blocks, start, step), whole, scatter)
+    average = Averaged(
+        state,
+        rivals,
+        moved(blocks, start, step),
+        whole,
+        np.append(_scatter(state, parts), np.zeros(len(whole) - len(fit.values))),
+    )
     return replace(_settled(average, wanted), shares=tuple(shares[number] / len(drawn) for number in kept))
 
 
-def _scatter(state: State, mine: Sequence[int], drawn: Sequence[Drawn]) -> Array:
-    """Return the (P,) variance of fitted values between resamples, of what was found; zero of all else.
+def _scatter(state: State, parts: np.ndarray) -> Array:
+    """Return the (P,) variance of the values of what was found as (M,) parts of a campaign differ; zero of all else.
 
-    It is that over resamples with what was found and nothing else, where there are a few, else over all that have it.
-    Readings that are off together show in it. Values inside a law, which models share, vary as its amplitudes do.
+    That of the jackknife: each part is left out in turn, in the linear problem (Miller 1974, "The jackknife - a
+    review", Biometrika 61). Readings that are off together show in it, also in values inside a law.
     """
-    fit, variance = state.fit, np.zeros(len(state.fit.values))
-    alike = [draw for draw in drawn if sorted(chosen.number for chosen in draw.model) == sorted(mine)]
-    for number, block in zip(mine, state.effects, strict=True):
-        places, acting = fit.places(block), len(block.effect.location.terms)
-        sizes = [
-            amplitudes
-            for draw in (alike if len(alike) >= MOST_TRIED else drawn)
-            for chosen, amplitudes in zip(draw.model, draw.amplitudes, strict=True)
-            if chosen.number == number
-        ]
-        if len(sizes) < MOST_TRIED:
-            continue
-        variance[places[:acting]] = np.var(sizes, axis=0)
-        inner = places[acting:][np.isfinite(fit.posterior.std[places[acting:]])]
-        ratio = variance[places[:acting]] / fit.posterior.std[places[:acting]] ** 2
-        variance[inner] = float(ratio.mean()) * fit.posterior.std[inner] ** 2
+    fit, count = state.fit, int(parts.max()) + 1
+    variance, none = np.zeros(len(fit.values)), np.zeros(0, dtype=int)
+    places = np.concatenate([none, *map(fit.places, state.effects)])
+    places = places[np.isfinite(fit.posterior.std[places])]
+    if not len(places) or count < POSE_FOLDS:
+        return variance
+    noise, root = max(fit.noise, 1.0), fit.posterior.root
+    half, residual = fit.regressors @ (root / noise), fit.residual / noise
+    of_readings, moved_by = np.repeat(parts, len(residual) // len(parts)), np.empty((count, len(places)))
+    for part in range(count):
+        rows = np.flatnonzero(of_readings == part)
+        rest = (1.0 + ROUNDING) * np.eye(len(rows)) - half[rows] @ half[rows].T
+        left = solve(rest, residual[rows], assume_a="pos", check_finite=False)
+        moved_by[part] = root[places] @ (half[rows].T @ left)
+    variance[places] = (count - 1) * moved_by.var(axis=0)
     return variance
 
 

@@ -47,11 +47,13 @@ class Resampled:
 
     Attributes:
         by: What is drawn: 'poses', 'parts of joint space', 'parts of time' or 'sessions'.
+        parts: (M,) number of that in every row.
         mismatch: v / s of it, divided by its 95 % quantile under chance; see the head of this module.
         times: (R, n) how often every reading counts, 1 on average.
     """
 
     by: str
+    parts: np.ndarray
     mismatch: float
     times: Array
 
@@ -89,7 +91,7 @@ def resampled(evidence: Dense, own: Model, parted: Mapping[str, np.ndarray], pos
     for _ in range(5):  # each part as often as another in a fifth of them: their mean is the campaign
         parts = rng.permutation(np.resize(rng.permutation(number), RESAMPLES // 5 * size))
         draws += [np.bincount(part, minlength=number) for part in parts.reshape(-1, size)]
-    return Resampled(by, most, np.repeat((np.array(draws) * number / size)[:, drawn], count, axis=1))
+    return Resampled(by, drawn, most, np.repeat((np.array(draws) * number / size)[:, drawn], count, axis=1))
 
 
 def parted_by(state: State) -> dict[str, np.ndarray]:

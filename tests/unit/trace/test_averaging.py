@@ -74,7 +74,7 @@ def test_one_arm_predicts_what_models_do_on_average(fitted: State) -> None:
         count = sum(map(len, beside.amplitudes))
         drawn.append(Drawn(model, beside.amplitudes, np.zeros((count, count)), rest))
         each.append(fitted.quiet * (seen + evidence.projection.regressors @ rest))
-    alone, average = (averaged(fitted, evidence, own, some) for some in (drawn[:1], drawn))
+    alone, average = (averaged(fitted, evidence, own, some, fitted.groups) for some in (drawn[:1], drawn))
     assert not alone.rivals and len(average.rivals) == 1
     assert len(average.setup.arm.effects) == len(average.effects) == 3
     columns = regressors(average)
@@ -129,7 +129,7 @@ def test_a_rival_that_does_what_was_found_does_makes_readings_no_less_certain(fi
     scale = np.concatenate([evidence.groups[one.number].scale for one in (*own, rival)])
     rest = evidence.projection.absorbed(evidence.projection.data - columns[:, beside.places] @ beside.values)
     drawn = Drawn((*own, rival), beside.amplitudes, covariance * scale * scale[:, None], rest)
-    average = averaged(fitted, evidence, own, [drawn])
+    average = averaged(fitted, evidence, own, [drawn], fitted.groups)
     every = np.hstack([fitted.fit.regressors / fitted.quiet, columns[:, place] / evidence.groups[number].scale])
     readings = np.einsum("np,pq,nq->n", every, average.spread, every)
     np.testing.assert_allclose(readings, within, rtol=1e-3, atol=1e-3 * within.max())
@@ -139,10 +139,33 @@ def test_a_rival_that_does_what_was_found_does_makes_readings_no_less_certain(fi
     plain = Drawn(
         own, alone.amplitudes, np.zeros((count, count)), evidence.projection.absorbed(evidence.projection.data)
     )
-    rare = averaged(fitted, evidence, own, [drawn, *[plain] * 30])
+    rare = averaged(fitted, evidence, own, [drawn, *[plain] * 30], fitted.groups)
     assert not rare.rivals
-    both = averaged(fitted, evidence, own, [replace(drawn, spread=0.0 * drawn.spread), *[plain] * 30])
+    both = averaged(fitted, evidence, own, [replace(drawn, spread=0.0 * drawn.spread), *[plain] * 30], fitted.groups)
     np.testing.assert_allclose(rare.spread, both.spread, rtol=1e-9, atol=1e-9 * np.abs(both.spread).max())
+
+
+def test_numbers_are_as_uncertain_as_parts_of_a_campaign_differ(fitted: State) -> None:
+    """By refitting the linear problem without each part in turn; nothing else than what was found is widened."""
+    evidence, own = problem(fitted, 0.0)
+    parts = fitted.groups % 7
+    fit, none = fitted.fit, np.zeros(0, dtype=int)
+    found = np.concatenate([none, *map(fit.places, fitted.effects)])
+    noise, of_readings = max(fit.noise, 1.0), np.repeat(parts, len(fit.residual) // len(parts))
+    columns, data = fit.regressors / noise, (fit.residual + fit.regressors @ fit.values) / noise
+    without = []
+    for part in range(7):
+        left = of_readings != part
+        normal = columns[left].T @ columns[left] + np.diag(fit.precision)
+        without.append(np.linalg.solve(normal, columns[left].T @ data[left])[found])
+    expected = np.var(without, axis=0) * 6.0
+    drawn = bagged(evidence, own, np.ones((4, len(evidence.columns)))).drawn
+    average = averaged(fitted, evidence, own, drawn, parts)
+    np.testing.assert_allclose(average.scatter[found], expected, rtol=1e-4)  # a fit ends a little short
+    assert not np.delete(average.scatter, found).any()
+    for block in fitted.effects:
+        std = average.std_of(block)["gap"]
+        assert std >= np.sqrt(average.scatter[fit.places(block)[0]])
 
 
 @pytest.mark.parametrize(("prior", "kept"), [(30.0, False), (-30.0, True)])
@@ -153,8 +176,8 @@ def test_what_held_out_poses_contradict_is_predicted_less(fitted: State, prior: 
     columns[:, 2:] = np.random.default_rng(0).normal(size=columns[:, 2:].shape)
     evidence = Dense(evidence.groups, columns, evidence.projection, evidence.priors)
     folds = Folds(evidence, pose_folds(fitted.groups))
-    resamples = Resampled(POSES, 1.0, np.ones((50, len(evidence.projection.data))))
-    average = averaged(fitted, evidence, own, bagged(evidence, own, resamples.times).drawn)
+    resamples = Resampled(POSES, fitted.groups, 1.0, np.ones((50, len(evidence.projection.data))))
+    average = averaged(fitted, evidence, own, bagged(evidence, own, resamples.times).drawn, fitted.groups)
     found = beside_calibrated(average, folds, resamples)
     plain = held_out(fitted.calibrated, pose_folds(fitted.groups), judged=fitted.judged).errors
     assert found.errors is not None
@@ -175,7 +198,9 @@ def test_a_rival_stands_behind_what_wandered(fitted: State) -> None:
         fitted, Background(("wandering",), walks=(walk,), of=("wandering",), amplitudes=np.zeros(3))
     )
     evidence, own = problem(state, np.log(0.5))
-    average = averaged(state, evidence, own, bagged(evidence, own, np.ones((4, evidence.columns.shape[0]))).drawn)
+    average = averaged(
+        state, evidence, own, bagged(evidence, own, np.ones((4, evidence.columns.shape[0]))).drawn, state.groups
+    )
     acting = average.setup.arm.effects
     assert average.rivals
     assert [acting[block.ordinal].name for block in average.rivals] == [block.effect.name for block in average.rivals]
