@@ -46,6 +46,10 @@ MOST_MINUTES = 10.0
 """Tolerance: CPU time of a search [min]: three campaigns of 24 effects traced together take half of it."""
 
 
+EVERY = 0.1
+"""Tolerance: seconds within which the CPU clock is read once; some systems take a millisecond to read it."""
+
+
 class OutOfTimeError(KeyboardInterrupt):
     """The CPU time has passed that a search may take: it ends wherever it is, as after Ctrl-C."""
 
@@ -63,10 +67,11 @@ class Reporter:
         self, report: Callable[[str], None] | None = None, progress: Callable[[Doing], None] | None = None
     ) -> None:
         self.report, self.progress, self.doing, self.until = report, progress, Doing(), float("inf")
+        self._looked = -EVERY
 
     def limit(self, seconds: float) -> None:
         """Let what goes on take so many seconds of CPU time from now on."""
-        self.until = time.process_time() + seconds
+        self.until, self._looked = time.process_time() + seconds, -EVERY
 
     def stage(self, text: str) -> None:
         """Say that a stage begins."""
@@ -84,8 +89,10 @@ class Reporter:
 
     def say(self, **changed: Any) -> None:
         """Say what has changed of what it is at, or of what there is so far."""
-        if time.process_time() > self.until:
-            raise OutOfTimeError
+        if (now := time.monotonic()) > self._looked + EVERY:
+            self._looked = now
+            if time.process_time() > self.until:
+                raise OutOfTimeError
         if self.progress:
             self.doing = replace(self.doing, **changed)
             self.progress(self.doing)
