@@ -37,6 +37,7 @@ from armflex.laws.effects.drive_curve import DRIVE_CURVE, MOST_SINES
 from armflex.laws.effects.effect import TwistLaw
 from armflex.laws.effects.encoder_eccentricity import ENCODER_ECCENTRICITY
 from armflex.laws.effects.encoder_scale import ENCODER_SCALE
+from armflex.laws.effects.guide import GUIDES
 from armflex.laws.effects.location import BASE, LINK, Location, drive_axis
 from armflex.laws.effects.shapes import PAIRS, ROUNDING
 from armflex.laws.effects.unnamed import LINE, LINE_COMPLIANCE, LINE_PLAY
@@ -513,6 +514,13 @@ def _parts(fit: Fit, context: Context, poses: int) -> Iterator[Member]:
                 yield Member("compliance by position", acts, np.array([[span**-2.0, span**-4.0]]))
                 acts = Candidate(LINE_PLAY, replace(location, terms=(1,)), (middle, inner[1]))
                 yield Member("play by load and position", acts, np.full((1, 1), span**-2.0))
+    for location in GUIDES.places(records):
+        load = np.abs(view.load_at(location.site))
+        largest = float(load[:, TWIST_NAMES.index(str(location.axis))].max())
+        if location.site in driven and largest > ROUNDING * load.max():
+            x = driven[location.site]
+            acts = Candidate(GUIDES, location, (largest, float(x.min()), float(x.max())))
+            yield Member("play in the guides", acts, np.full((1, len(location.terms)), np.ptp(x) ** 2.0))
     base = Candidate(BASE_COMPLIANCE, Location(BASE, terms=(1, 2, 3, 4, 5, 6)), ())
     yield Member("compliance", base, np.ones((1, 6)))
     for name, x in recorded.items():

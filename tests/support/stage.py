@@ -16,7 +16,7 @@ from armflex.laws.effects import Effect, EffectLaw, Location
 from armflex.laws.effects.candidate import Candidate, grid
 from armflex.laws.effects.context import Context, survey
 from armflex.laws.effects.effect import Act
-from armflex.laws.effects.guide import GUIDE
+from armflex.laws.effects.guide import GUIDE, GUIDES
 from armflex.laws.effects.in_arm import bending
 from armflex.laws.effects.pin_play import PIN_PLAY
 from armflex.laws.effects.support_lift import SUPPORT_LIFT
@@ -150,7 +150,7 @@ def some_effects(law: EffectLaw, stage: Stage, count: int, shift: float = SHIFT)
         if len(found) == count:
             return found
     slides = any(joint.kind == "prismatic" for joint in stage.context.robot.jointed)
-    if (law in (GUIDE, TELESCOPE_BENDING) and not slides) or (
+    if (law in (GUIDE, GUIDES, TELESCOPE_BENDING) and not slides) or (
         law.name in MECHANICAL and not stage.context.robot.linkage
     ):
         assert not locations

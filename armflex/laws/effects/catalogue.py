@@ -4,6 +4,7 @@ from importlib import import_module
 
 from armflex.laws.effects.drive_curve import DRIVE_CURVE
 from armflex.laws.effects.effect import EffectLaw
+from armflex.laws.effects.guide import GUIDES
 from armflex.laws.effects.unnamed import (
     BUMP,
     LEVEL,
@@ -69,7 +70,7 @@ NAMED = (
 LAWS: tuple[EffectLaw, ...] = (
     *(getattr(import_module(f"armflex.laws.effects.{name}"), name.upper()) for name in NAMED),
     *(LEVEL, LINE, WAVE, BUMP, SPLINE, SPLINE_COMPLIANCE, WAVE_PRODUCT, PRODUCT),
-    *(DRIVE_CURVE, LINE_COMPLIANCE, LINE_PLAY, BASE_WANDERING, DRIVE_WANDERING),
+    *(DRIVE_CURVE, LINE_COMPLIANCE, LINE_PLAY, GUIDES, BASE_WANDERING, DRIVE_WANDERING),
 )
 """In the order of preference where the data do not distinguish two laws: the plainer first; then unnamed shapes, and
 last those that are `dense`."""

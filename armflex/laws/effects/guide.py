@@ -4,14 +4,17 @@
 
 `out` is the recorded position at which the tubes overlap least, `spare` what is left of the overlap there. A deadband
 and a position-dependent compliance are what this looks like at one position, or over a short way.
+
+`GUIDES` is the same of any size: sums over loads that take up the play, and overlaps; see `armflex.trace.families`.
 """
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from armflex.laws.effects.context import AXES_TURN
-from armflex.laws.effects.effect import Amplitude, DependsOn, Inner, Plausible, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, DependsOn, Inner, Plausible, Search, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location
 from armflex.laws.effects.shapes import of_column, on_axis, shares_of_load
 from armflex.laws.terms import Curve, Factor, Of, Term, part, straight
@@ -48,4 +51,51 @@ GUIDE = TwistLaw(
     ),
     depends_on=DependsOn.COMPLIANCE,
     shape="guide",
+)
+
+SHARES, SPARES = (0.05, 0.2, 0.5), (0.15, 0.5)
+"""Loads that take play up, in parts of the largest, and overlaps that are left, in parts of the way: of `GUIDES`."""
+
+
+def _every(here: Here, inner: Values) -> list[list[Term]]:
+    way, (largest, low, high), column = here.direction, inner, here.location.covariates[0]
+    return [
+        [
+            Term(
+                way,
+                features=(part(way / (share * largest), Curve.CLIPPED),),
+                factors=(Factor(Of.OVERLAP, column, (spare * (high - low), out)),),
+            )
+        ]
+        for share in SHARES
+        for spare in SPARES
+        for out in (low, high)
+    ]
+
+
+GUIDES = TwistLaw(
+    name="unnamed_guides",
+    words=Words(
+        "play in guides of any size",
+        "tubes rock in their guides as the load takes up play",
+        "Σ gᵢ clip(τ / τᵢ) / overlapᵢ",
+    ),
+    plausible=GUIDE.plausible,
+    places=lambda records: [
+        replace(location, terms=tuple(range(len(GUIDES.amplitudes))))
+        for location in GUIDE.places(records)
+        if location.terms == (0,)
+    ],
+    amplitudes=tuple(Amplitude(f"g{i + 1}", "rad m") for i in range(2 * len(SHARES) * len(SPARES))),
+    terms=_every,
+    direction=on_axis,
+    inner=(
+        Inner("largest", "Nm", partial(shares_of_load, shares=(1.0,))),
+        Inner("low", "m", of_column(lambda q: (float(q.min()),)), positive=False, polished=False),
+        Inner("high", "m", of_column(lambda q: (float(q.max()),)), positive=False, polished=False),
+    ),
+    depends_on=DependsOn.COMPLIANCE,
+    physical=False,
+    shape="guides",
+    search=Search.NOWHERE,
 )

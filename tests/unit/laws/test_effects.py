@@ -22,7 +22,7 @@ from armflex.laws.effects.candidate import Candidate, grid
 from armflex.laws.effects.catalogue import CATALOGUE, EVERY
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Act
-from armflex.laws.effects.guide import GUIDE
+from armflex.laws.effects.guide import GUIDE, GUIDES
 from armflex.laws.effects.hysteresis import play
 from armflex.laws.effects.telescope_bending import TELESCOPE_BENDING
 from armflex.laws.effects.tool_shift import ALWAYS
@@ -125,7 +125,7 @@ def untimed(stage: Stage) -> Context:
 
 
 TIMED = ("slip_step", "base_drift", "base_wandering", "drive_wandering", "instrument_moved", "creep", "cylinder_leak")
-NOT_EVERYWHERE = (PRODUCT.name, WAVE_PRODUCT.name, GUIDE.name, TELESCOPE_BENDING.name)
+NOT_EVERYWHERE = (PRODUCT.name, WAVE_PRODUCT.name, GUIDE.name, GUIDES.name, TELESCOPE_BENDING.name)
 
 
 @pytest.mark.parametrize("name", [name for name in EVERY if name not in NOT_EVERYWHERE])
