@@ -97,9 +97,6 @@ class DeflectionOptions(TypedDict, total=False):
     jobs: int | None
 
 
-MAX_PAYLOADS = 64
-"""Payloads and names of them whose models are kept; objects made in a loop must not fill the memory."""
-
 TURN = 2.0 * np.pi
 """Position [rad] beyond which one that is outside the limits may be in degrees."""
 
@@ -646,7 +643,8 @@ class Arm:
         key = (body.mass, tuple(body.com), None if body.inertia is None else tuple(body.inertia))
         carried = self._carried.get(key)
         if carried is None:
-            if len(self._carried) >= MAX_PAYLOADS:
+            # Payloads and names of them whose models are kept; objects made in a loop must not fill the memory
+            if len(self._carried) >= 64:
                 self._carried.clear()
             carried = self._carried[key] = LoadedArm(self, body)
         if payload is None or isinstance(payload, str):

@@ -204,11 +204,7 @@ def as_pose(pose: Any, name: str = "pose") -> pin.SE3:
     return pin.SE3(rotation, matrix[:3, 3])
 
 
-TEXT_ROUNDING = 1e-7
-"""Of a covariance in units of its own diagonal: what ten digits of text and the sums of a fit may leave below zero."""
-
-
-def covariance_fault(covariance: Array, rounding: float = TEXT_ROUNDING) -> str:
+def covariance_fault(covariance: Array, rounding: float = 1e-7) -> str:
     """Return what a (P, P) matrix has that no covariance has, '' where it may be one.
 
     `rounding`, in units of its own diagonal, is how far its halves may differ and an eigenvalue may lie below zero.

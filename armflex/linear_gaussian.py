@@ -215,15 +215,12 @@ def _inverse_root(scaled: Array) -> Array | None:
     return None if inverse is None or not (inverse**2).sum() < 0.1 / ROUNDING else inverse
 
 
-CANCELLED = 1e-5
-"""Share of what parameters do one by one that is left of it where they cancel each other."""
-
-
 def depend_on(jacobian: Array, directions: Array) -> np.ndarray:
     """Return (N, d) which of (N, d, P) changes per unit of a parameter depend on one of (k, P) directions."""
     # What parameters do against each other cancels but for rounding, which is by the largest of the d numbers.
     size = (np.abs(jacobian) @ np.abs(directions.T)).max(axis=1, keepdims=True)
-    return (np.abs(jacobian @ directions.T) > CANCELLED * size).any(axis=-1)
+    # Share of what parameters do one by one that is left of it where they cancel each other
+    return (np.abs(jacobian @ directions.T) > 1e-5 * size).any(axis=-1)
 
 
 def squared(jacobian: Array) -> Array:

@@ -51,14 +51,9 @@ SESSIONS = ("morning", "evening")
 SIZE = np.repeat([4e3, 3e3], 3)
 """Loads under which a joint law is asked [N, Nm]."""
 
-SHIFT = 1e-5
-"""By how much an effect moves the tip where its columns are compared with it [m]."""
 
 STEP = 1e-6
 """Of difference quotients of readings, in m, rad and the units of nuisances."""
-
-SOFTER = 1.3
-"""By which the joint of a simulated arm gives more than declared."""
 
 
 def check_law(model: LawModel, joint: str = "J2") -> None:
@@ -98,7 +93,8 @@ def check_law(model: LawModel, joint: str = "J2") -> None:
         _close(twist_of(law.known_terms, loads, rows), law.twist(loads, rows), 1e-9, "twist of the terms")
         _close(tangent_of(law.known_terms, loads, rows), law.tangent(loads, rows), 1e-9, "tangent of the terms")
     assert (np.einsum("ni,ni->n", loads, law.twist(loads, rows)) >= 0.0).all(), "a load that does negative work"
-    softer = law.scaled(np.full(6, np.sqrt(SOFTER)))
+    # By which the joint of a simulated arm gives more than declared
+    softer = law.scaled(np.full(6, np.sqrt(1.3)))
     if softer:
         more = np.einsum("ni,ni->n", loads, softer.twist(loads, rows) - law.twist(loads, rows))
         assert more.min() >= 0.0 < more.max(), "scaled by a factor above 1 it gives more"
@@ -155,7 +151,8 @@ def check_effect(law: EffectLaw, columns: Mapping[str, tuple[float, float]] | No
     for candidate, sizes in zip(candidates, moved, strict=True):
         if not (sizes > 1e-3 * sizes.max()).all() or sizes.max() <= 1e-6 * most:
             continue  # a load that this arm does not have, but for rounding
-        effect = candidate.effect(SHIFT / sizes)
+        # By how much an effect moves the tip where its columns are compared with it [m]
+        effect = candidate.effect(1e-5 / sizes)
         if (
             law.size(
                 np.einsum("mkn,k->mn", law.features(candidate.location, candidate.inner, view, context), effect.acting),

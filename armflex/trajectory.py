@@ -59,12 +59,6 @@ ARC = 8
 TOGETHER = 4096
 """Stretches whose length is measured together."""
 
-COVERED = 0.05
-"""Share of a table of forces below which a path that goes no further is asked about: a factor of 1000 is a unit."""
-
-NOTICED = 1e-3
-"""Share of a table's largest force that loads linear between rows may leave out without a word."""
-
 
 class Points(NamedTuple):
     """Points of a path in any order.
@@ -281,10 +275,12 @@ class Trajectory(Result):
         lengths = self.lengths(arm)
         lost, flags = table.missed(lengths), ()
         whole, used = float(np.ptp(table.s)), float(lengths[-1])
-        if table.varies and 0.0 < used < COVERED * whole:
+        # Share of a table of forces below which a path that goes no further is asked about: a factor of 1000 is a unit
+        if table.varies and 0.0 < used < 0.05 * whole:
             text = f"the path is {used:.3g} m long, {table.path} goes over {whole:.3g} m"
             flags = (Flag("force_table", f"{text}: is its s in mm? Then call the column s_mm"),)
-        if lost > NOTICED * max((wrench.sizes[0] for wrench in table.wrenches), default=0.0):
+        # Share of a table's largest force that loads linear between rows may leave out without a word
+        if lost > 1e-3 * max((wrench.sizes[0] for wrench in table.wrenches), default=0.0):
             text = f"loads are linear between rows, which leaves out up to {lost:.3g} N of {table.path}: give more rows"
             flags = (*flags, Flag("force_table", text))
         return replace(self, wrenches=(*hung, *table.at(lengths))), flags

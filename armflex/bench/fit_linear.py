@@ -30,8 +30,6 @@ STRUCTURES = ("full", "symmetric", "diagonal")
 
 COUPLING = "axis coupling"
 
-CHANCE = 0.05
-"""Share of random signs whose best candidate may be as good as a term that is added."""
 
 LEAST = 6.0
 """Evidence (fall of the Bayesian information criterion) that a term must be worth, added or kept."""
@@ -235,7 +233,8 @@ def _next(bench: _Bench, terms: list[str], rng: np.random.Generator) -> dict[str
     evidence = [bench.worth(terms, name) for name in left]
     flipped = bench.residual(terms)[:, :, None] * rng.choice([-1.0, 1.0], (count, 1, 400))
     best = np.max([bench.evidence(terms, name, flipped) for name in left], axis=0)
-    chance, first = float(np.quantile(best, 1.0 - CHANCE)), int(np.argmax(evidence))
+    # Share of random signs whose best candidate may be as good as a term that is added
+    chance, first = float(np.quantile(best, 1.0 - 0.05)), int(np.argmax(evidence))
     if evidence[first] <= max(LEAST, chance):
         return None
     return {"name": left[first], "evidence": evidence[first], "chance": chance}

@@ -34,8 +34,6 @@ from armflex.parallel import in_order
 PRIORS = ("evidence",)
 ITERATIONS, PLAIN_ITERATIONS = 160, 200
 
-NOISES = (1e-6, 1e1)
-"""Bounds of what is re-estimated, in scaled units: a group that is not needed, or data without noise, has no other."""
 
 STEPS = 20
 """Of Levenberg-Marquardt between two re-estimations."""
@@ -197,4 +195,5 @@ def _reestimated(problem: NetworkProblem, mode: Mode) -> tuple[Array, Array]:
     gradient = jacobian(problem, mode.weights)
     used = ((gradient @ mode.covariance) * gradient).sum(axis=(0, 2)) / mode.noise**2
     variance = (errors**2).sum(axis=0) / np.maximum(len(errors) - used, 1e-3 * len(errors))
-    return precisions, np.clip(np.sqrt(variance), *NOISES)
+    # Bounds of what is re-estimated, in scaled units: a group that is not needed, or data without noise, has no other
+    return precisions, np.clip(np.sqrt(variance), 1e-6, 1e1)

@@ -26,9 +26,6 @@ if TYPE_CHECKING:
 STEPS, ROUNDS = 10, 50
 """Steps of L-BFGS between two looks at the rows left out, and most such rounds."""
 
-PATIENCE = 5
-"""Rounds without a better look after which a start ends."""
-
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
@@ -134,6 +131,7 @@ def _trained(
         value = float((errors**2).mean())
         if value < best[0]:
             best = value, done, errors
-        if not np.isfinite(value) or (rounds is None and done - best[1] >= PATIENCE):
+        # Rounds without a better look after which a start ends
+        if not np.isfinite(value) or (rounds is None and done - best[1] >= 5):
             break
     return best

@@ -11,9 +11,6 @@ from armflex.errors import IdentifiabilityError
 from armflex.laws.law import NOWHERE, Law
 from armflex.sampling.diagnostics import Diagnostics
 
-ROUNDING = 1e-15
-"""Part of the largest singular value below which a smallest one is none."""
-
 
 @dataclass(frozen=True)
 class Fitted:
@@ -77,5 +74,6 @@ def check_determined(columns: Array, names: Sequence[str], problem: str) -> None
     if lost.any():
         free = np.abs(directions[lost]).max(axis=0) > 0.1  # share from which a column counts among those of a mixture
         left = [name for name, each in zip(names, free, strict=True) if each]
-        condition = float(values[0] / values[-1]) if values[-1] > ROUNDING * values[0] else np.inf
+        # Part of the largest singular value below which a smallest one is none
+        condition = float(values[0] / values[-1]) if values[-1] > 1e-15 * values[0] else np.inf
         raise IdentifiabilityError(problem, int((~lost).sum()), condition, left)

@@ -50,16 +50,11 @@ FEW = 25
 CHAIN_FOLDS = 5
 """Of a model that chains are run for: each fit takes seconds to a minute."""
 
-EFFORT = 10
-"""Fits of a plain model that take as long as one training of a network, about."""
 
 AGAIN = 3
 """Fits of a network in a choice anew, of six that it may take: it is mostly left before."""
 
 CHOICE = "the choice anew in every fold"
-
-AGAINST = -0.5
-"""Correlation of a deflection with its own load from which a sign counts as turned."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -150,7 +145,8 @@ def train(
         check_span(data.loads)  # else the first candidate's first fold would be blamed
         among = candidates(options)
         each, anew = REPEATS * min(CHOICE_FOLDS, len(data)), min(OUTER, len(data))
-        network = EFFORT * affordable_starts(options, data.deflections.size)
+        # Fits of a plain model that take as long as one training of a network, about
+        network = 10 * affordable_starts(options, data.deflections.size)
         total = each * (len(among) - 1 + network) + anew * AGAIN * network
         plain, slow, again = map(_counting(progress, total), (1, network, AGAIN * network))
         compared = compare(among[:-1], data, seed, step=plain) + compare(among[-1:], data, seed, step=slow)
@@ -266,7 +262,8 @@ def bench_flags(data: JointData) -> tuple[Flag, ...]:
     for load, twist, pushed, moved in zip(WRENCH_NAMES, TWIST_NAMES, data.loads.T, data.deflections.T, strict=False):
         length = float(np.linalg.norm(pushed) * np.linalg.norm(moved))
         along = float(pushed @ moved) / length if length else 0.0
-        if along < AGAINST:
+        # Correlation of a deflection with its own load from which a sign counts as turned
+        if along < -0.5:
             text = f"{twist} goes against {load} (correlation {along:.2f}): is the sign of one of them turned?"
             flags.append(Flag("against_its_load", text))
     return tuple(flags)

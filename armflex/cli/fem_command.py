@@ -18,9 +18,6 @@ from armflex.fem.study import random_loads, study
 from armflex.measured.table import write_table
 from armflex.storage.whole_file import together
 
-ROUNDING = 1e-10
-"""A coupling that is smaller, as a part of the compliances that it couples, is of the solution's rounding."""
-
 SOLVERS = {"calculix": "CalculiX, with large displacements", "linear": "a linear condensation"}
 """Solver of a table -> how people read it."""
 
@@ -116,7 +113,8 @@ def print_part(part: Part) -> None:
     for place, name in enumerate(part.loaded):
         block = part.compliance[6 * place : 6 * place + 6, 6 * place : 6 * place + 6]
         scale = np.sqrt(np.abs(np.outer(np.diag(block), np.diag(block))))
-        block = np.where(np.abs(block) > ROUNDING * scale, block, 0.0)
+        # A coupling that is smaller, as a part of the compliances that it couples, is of the solution's rounding
+        block = np.where(np.abs(block) > 1e-10 * scale, block, 0.0)
         print_table(
             f"Compliance at {name!r}, {part.fixed!r} held (m/N, rad/Nm and mixed)",
             ["", *(f"per {axis}" for axis in WRENCH_NAMES)],

@@ -43,8 +43,6 @@ if TYPE_CHECKING:
 RADIANS = np.pi * np.pi / 180.0
 """What is pi, as written, in degrees [rad]."""
 
-NEAR_PI = 5e-3
-"""How near to a twelfth of pi a number is one that was rounded to two digits behind the point, in such parts."""
 
 InputPath = click.Path(path_type=Path)
 
@@ -496,7 +494,8 @@ def parse_positions(text: str, arm: Arm) -> tuple[Array, Arm]:
         kind, unit = ("length", "m") if kinds[name] == "prismatic" else ("angle", "rad")
         positions[name] = parse_quantity(value if value[-1:].isalpha() else value + unit, kind)
         parts = positions[name] / RADIANS * 12.0  # of pi, as written
-        if value.endswith("deg") and parts and abs(parts - round(parts)) < NEAR_PI and 0 < abs(round(parts)) <= 24:
+        # How near to a twelfth of pi a number is one that was rounded to two digits behind the point, in such parts
+        if value.endswith("deg") and parts and abs(parts - round(parts)) < 5e-3 and 0 < abs(round(parts)) <= 24:
             text = f"--q: {name} at {value} is {round(parts)}/12 of pi as a number: radians? Then leave deg out"
             warn([Flag("radians", text)])
     held = {name: positions.pop(name) for name in (joint.name for joint in beside) if name in positions}

@@ -26,9 +26,6 @@ from armflex.trajectory import read_trajectory
 if TYPE_CHECKING:
     from armflex.plan.planned_rows import Plan
 
-MOST_LINES = 10
-"""Parameters that are shown on the terminal; --json has all."""
-
 
 @click.command(cls=options.Command)
 @click.argument("arm_path", metavar="ARM", type=InputPath)
@@ -134,7 +131,8 @@ def print_plan(planned: Plan) -> None:
     places = (ParameterKind.INSTRUMENT, *OF_SESSION, ParameterKind.SENSOR)
     others = {parameter.label for parameter in planned.model.parameters if parameter.group.kind in places}
     gaining = [row for row in planned.certainties if row["name"] not in others and not planned.hypotheses]
-    gaining = sorted(gaining, key=lambda p: p["after"] / p["before"])[:MOST_LINES]
+    # Parameters that are shown on the terminal; --json has all
+    gaining = sorted(gaining, key=lambda p: p["after"] / p["before"])[:10]
     words, rows = in_dh_words(planned.reach.arm.robot), []
     for row in gaining:  # those of unit 1 are logarithms of factors, or shares
         unit, times = ("%", 100.0) if row["unit"] == "1" else (row["unit"], 1.0)

@@ -37,9 +37,6 @@ from armflex.trace.families import Families, FamilyFound
 from armflex.trace.findings import HELD_OUT_IS_OF, Found, Replicated, Trace
 from armflex.trace.halves import counted
 
-MOST_LINES = 8
-"""Values of one effect that are shown on the terminal; the file holds all."""
-
 MOST_KINDS = 3
 """Kinds of effect, and places of each, that are shown on the terminal; the files hold all."""
 
@@ -214,7 +211,8 @@ def _lines(effect_found: Found, factor: float) -> Iterator[list[str]]:
     depends = ", ".join(effect.location.covariates) or "-"
     head = [" ".join(filter(None, names_of(effect.law))), effect.location.place, effect.location.axis or "-", depends]
     values = list(zip(effect.named.items(), effect.units, strict=True))
-    for (name, value), unit in values[:MOST_LINES]:
+    # Values of one effect that are shown on the terminal; the file holds all
+    for (name, value), unit in values[:8]:
         std = f" ± {effect_found.std[name]:.2g}" if effect_found.std.get(name) else ""
         yield [*head, f"{name} {value:.4g}{std} {unit}", held_out]
         head, held_out = ["", "", "", ""], ""

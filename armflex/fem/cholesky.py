@@ -20,9 +20,6 @@ from armflex.conventions import Array
 
 dtrsm, dsyrk = get_blas_funcs(("trsm", "syrk"), dtype=np.float64)
 
-LEAF = 60
-"""Places that are not divided further."""
-
 
 class Front(NamedTuple):
     """Unknowns that are eliminated together.
@@ -112,7 +109,8 @@ def _dissected(matrix: Any, places: Array) -> list[tuple[np.ndarray, list[int]]]
         return [len(pieces) - 1]
 
     def divided(graph: Any, points: Array, nodes: np.ndarray) -> list[int]:
-        if len(nodes) <= LEAF:
+        # Places that are not divided further
+        if len(nodes) <= 60:
             return piece(nodes, [])
         along = np.argsort(points[:, np.ptp(points, axis=0).argmax()], kind="stable")
         low, high = np.sort(along[: len(along) // 2]), np.sort(along[len(along) // 2 :])

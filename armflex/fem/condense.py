@@ -19,8 +19,6 @@ from armflex.storage.read_file import sha256_of
 MODES = 6
 """Natural frequencies that are found."""
 
-DENSE = 500
-"""Unknowns whose frequencies are found from dense matrices."""
 
 Tick = Callable[[str, int, int | None], None]
 
@@ -155,7 +153,8 @@ def _interfaces(
 def _frequencies(stiffness: Any, mass: Any, solver: Any) -> Array:
     """Return the lowest natural frequencies [1/s]; of what has fewer masses than modes, as many as there are."""
     size = stiffness.shape[0]
-    if size <= DENSE:
+    # Unknowns whose frequencies are found from dense matrices
+    if size <= 500:
         inverse = eigh(mass.toarray(), stiffness.toarray(), eigvals_only=True)[::-1][:MODES]
         return 1.0 / np.sqrt(inverse[inverse > 1e-12 * inverse[0]]) / (2.0 * np.pi)
     operator: Any = linalg.LinearOperator  # whose __new__ and __init__ the checker takes for one

@@ -63,8 +63,6 @@ MAKING = words(
 ORDER = {"SYSTEM": 0, "NODE": 0, "ELEMENT": 0, "SOLID SECTION": 2}
 """Keyword -> when it is read; all others are read between, in the file's order."""
 
-MOST = 10_000_000
-"""Numbers of a GENERATE."""
 
 _SPLIT = re.compile(r"\s*,\s*")
 
@@ -287,7 +285,8 @@ class _Reader:
         before = f"{statement.parameters['INSTANCE'].upper()}." if "INSTANCE" in statement.parameters else self.prefix
         if "GENERATE" in statement.parameters:
             first, last, step = [*self.draft.whole(line, cells), 1, 1, 1][:3]
-            if len(cells) < 2 or step < 1 or (last - first) // step > MOST:
+            # Numbers of a GENERATE
+            if len(cells) < 2 or step < 1 or (last - first) // step > 10_000_000:
                 self.fail(f"expected first, last, step, got {','.join(cells)}", line)
             yield from (
                 f"{before}{number}" for number in range(first, last + 1, step) if f"{before}{number}" in numbered

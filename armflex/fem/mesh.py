@@ -47,8 +47,6 @@ UNITS = {"m": (1.0, 1.0, 1.0), "mm": (1e-3, 1e6, 1e12)}
 SHORTEST, LONGEST = 1e-3, 200.0
 """No structure of an arm is shorter or longer [m]."""
 
-LONG = 30.0
-"""Tolerance: a part that is longer [m] is doubted: those of the longest booms are half as long."""
 
 SOFT, INCOMPRESSIBLE = 1e8, 0.45
 """Tolerance: a solid that is softer [Pa] and has a smaller Poisson's ratio is no rubber: doubted."""
@@ -385,7 +383,8 @@ def with_material(mesh: Mesh, young: float | None, poisson: float | None, densit
             text = f"{mesh.path}: {named} are as soft as rubber ({material.young:g} Pa): is that in psi, or in MPa?"
             flags.append(Flag("soft_material", text))
         blocks.append(replace(block, material=material))
-    if (size := mesh.size) > LONG:
+    # A part that is longer [m] is doubted: those of the longest booms are half as long
+    if (size := mesh.size) > 30.0:
         text = f"{mesh.path}: the mesh is {size:.4g} m from corner to corner: is it in mm (--unit mm)?"
         flags.append(Flag("long_mesh", text))
     return replace(mesh, blocks=tuple(blocks), flags=tuple(dict.fromkeys(flags)))

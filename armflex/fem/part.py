@@ -22,8 +22,6 @@ FORMAT = "armflex-part-1"
 BESIDE = ".surface.safetensors"
 """Suffix of the surface's file, beside the part's."""
 
-SYMMETRIC = 1e-6
-"""Relative skew of a compliance beyond which it is not one that was condensed."""
 
 MOST = 8
 """Interfaces that carry load."""
@@ -200,7 +198,8 @@ def read_part(path: Path) -> Part:
     compliance, frequencies = arrays["compliance"], table.raw("frequencies_hz")
     root = np.sqrt(np.diag(compliance).clip(1e-300))
     scaled = compliance / np.outer(root, root)
-    if np.abs(scaled - scaled.T).max() > SYMMETRIC or np.linalg.eigvalsh(0.5 * (scaled + scaled.T))[0] <= 0.0:
+    # Relative skew of a compliance beyond which it is not one that was condensed
+    if np.abs(scaled - scaled.T).max() > 1e-6 or np.linalg.eigvalsh(0.5 * (scaled + scaled.T))[0] <= 0.0:
         raise table.fail("compliance", "is not symmetric and positive definite")
     arrays["compliance"] = 0.5 * (compliance + compliance.T)
     count = len(frequencies) if isinstance(frequencies, list) else 0

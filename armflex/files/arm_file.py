@@ -80,8 +80,6 @@ RIGID = 1e-6
 SAGS = np.radians(3.0)
 """Turn of a joint under the weight of what it carries, stretched out, that no drive in service has [rad]."""
 
-WRITTEN = 1e-6
-"""Tolerance: by which share of its size a number may differ from what its file says: factors are logarithms there."""
 
 LEVEL = 1e-3
 """Share of gravity by which it may differ from what a mount makes of it: so far are numbers rounded."""
@@ -637,7 +635,8 @@ def _close(value: Any, other: Any) -> bool:
         return len(value) == len(other) and all(map(_close, value, other))
     if isinstance(value, np.ndarray | float) and isinstance(other, np.ndarray | float):
         size = float(np.abs(value).max(initial=0.0))
-        return np.shape(value) == np.shape(other) and bool(np.allclose(other, value, rtol=0.0, atol=WRITTEN * size))
+        # By which share of its size a number may differ from what its file says: factors are logarithms there
+        return np.shape(value) == np.shape(other) and bool(np.allclose(other, value, rtol=0.0, atol=1e-6 * size))
     return value == other
 
 

@@ -368,9 +368,6 @@ def _definite(table: Declaration, key: str, matrix: Array) -> None:
         raise table.fail(key, "expected a symmetric matrix without negative eigenvalues")
 
 
-MOST_ROWS = 150
-"""Parameters from which on their covariance stands in a file of its own: as text it would take seconds to read."""
-
 BLOCKS = tuple(kind.value for kind in ParameterKind if kind is not ParameterKind.UNEXPLAINED)
 """What the name of every fitted parameter begins with."""
 
@@ -408,7 +405,8 @@ def with_covariance(table: dict[str, Any], path: Path) -> dict[str, Any]:
     A large one is written to a file beside it.
     """
     covariance = table["covariance"]
-    if len(covariance) <= MOST_ROWS:
+    # Parameters from which on their covariance stands in a file of its own: as text it would take seconds to read
+    if len(covariance) <= 150:
         return table | {"covariance": [row[: i + 1].tolist() for i, row in enumerate(covariance)]}
     beside = path.with_suffix(".covariance.safetensors")
     written = write_arrays(beside, LAYOUT, {"covariance": covariance}, {"parameters": table["parameters"]})

@@ -22,12 +22,6 @@ from armflex.mechanics.spring import Spring
 from armflex.robot import Robot
 from armflex.robot.urdf import Inertial, Joint, Link
 
-MOST = 0.999
-"""Share of a link's mass that its end has at most."""
-
-AT_ROOT = 0.01
-"""Share of a link's length within which a pin is at its root: the share of the link whose bending it may misplace."""
-
 
 def read_link(name: str, table: Declaration, robot: Robot) -> tuple[Robot, Flexure, tuple[Flag, ...]]:
     """Return the robot with a link that ends in one more link, and the flexure between them.
@@ -73,7 +67,8 @@ def read_link(name: str, table: Declaration, robot: Robot) -> tuple[Robot, Flexu
     moments = part.weight[3:] / mass  # of a body at r the matrix of r x, whose skew part r is read from
     centre = mesh * (part.origin + 0.5 * pin.unSkew(moments - moments.T))
     whole = pin.Inertia(inertial.mass, inertial.origin, inertial.turned)
-    end = pin.Inertia(min(mass / part.mass, MOST) * inertial.mass, centre, np.zeros((3, 3)))
+    # Share of a link's mass that its end has at most
+    end = pin.Inertia(min(mass / part.mass, 0.999) * inertial.mass, centre, np.zeros((3, 3)))
     rest = pin.Inertia.FromDynamicParameters(whole.toDynamicParameters() - end.toDynamicParameters())
     sizes, axes = np.linalg.eigh(rest.inertia)
     rest.inertia = (axes * sizes.clip(0.0)) @ axes.T  # two bodies at these places may already have more than the link
@@ -100,7 +95,9 @@ def pins_off_root(bent: Sequence[Flexure], robot: Robot, springs: Sequence[Sprin
         both = (tie.link, tie.at), (tie.to, tie.at_to)
         for link, point in (end for end in both if end[0] in ends):
             length = float(np.linalg.norm(ends[link]))
-            if (along := float(point @ ends[link]) / length) > AT_ROOT * length:
+            # Share of a link's length within which a pin is at its root: the share of the link whose bending it may
+            # misplace
+            if (along := float(point @ ends[link]) / length) > 0.01 * length:
                 text = f"the pin of {tie.name!r} is {along:.3g} m from the root of link {link!r}, {along / length:.0%}"
                 text += " along it, and the link bends behind its pins alone: what bends before this one is taken as"
                 text += f" unheld, and the sag is wrong; split link {link!r} and its mesh in two at the pin"

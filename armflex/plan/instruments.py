@@ -37,9 +37,6 @@ many-th of them for a wire to another link than the tip."""
 LEVELS = (Inclination, Acceleration)
 """Kinds that read how a link stands to gravity."""
 
-UPRIGHT = 0.1
-"""Angle to gravity [rad] up to which an axis counts as parallel: a level shows less than a tenth of a turn about it."""
-
 
 @dataclass(frozen=True)
 class Mounted:
@@ -124,7 +121,9 @@ def informing_levels(arm: Arm, read: Collection[str]) -> frozenset[str]:
     for joint in arm.robot.chain:
         turn = turn @ joint.rotation
         if joint in arm.robot.moving and joint.kind != "prismatic" and up.any():
-            upright = upright and float(np.linalg.norm(np.cross(turn @ joint.axis, up))) < UPRIGHT
+            # Angle to gravity [rad] up to which an axis counts as parallel: a level shows less than a tenth of a turn
+            # about it
+            upright = upright and float(np.linalg.norm(np.cross(turn @ joint.axis, up))) < 0.1
             informed |= set() if upright else {joint.name}
     on = _moved_by(arm)
     return frozenset(

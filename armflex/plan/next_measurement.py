@@ -25,8 +25,6 @@ from armflex.robot.robot import Robot
 POSSIBLE, RIVALS = 0.01, 4
 """Tolerance: probability from which a cause is in question, and how many are in the place of one effect."""
 
-LOOKED = 64
-"""Tolerance: rows, a power of two, by which it is judged whether any decides, where none are asked for."""
 
 ABSURD_MASS = 0.25
 """Prior: share of a link's declared mass by which none differs from that."""
@@ -78,7 +76,8 @@ def next_measurement(
     groups = [place.pairs for place in places]
     pairs = [pair for group in groups for pair in group]
     try:
-        question = Question.of(before, pairs, settable, OFFERED if rows else LOOKED)
+        # Rows, a power of two, by which it is judged whether any decides, where none are asked for
+        question = Question.of(before, pairs, settable, OFFERED if rows else 64)
         asked = question.rows(rows, stem) if rows and stem is not None else None
     except ArmflexError as error:  # no proposal is better than a wrong one
         return (f"No rows are proposed: {error}",), None

@@ -40,8 +40,6 @@ BATCHES, ENOUGH = 8, 0.25
 THICK = 0.08
 """Radius of the base's column as a part of the arm's reach: pedestals of arms of 0.9 m to 3 m have 0.07 to 0.1."""
 
-ALONG = 5
-"""Points looked at along every link."""
 
 STILL_WITHIN = 0.02
 """What moves by less [m] over the rows offered is where it is by its sag alone."""
@@ -280,7 +278,8 @@ def _clearances(arm: Arm, rows: Rows, view: View) -> tuple[Array, Array]:
     tip, loads = view.line.tip, [arm.payload(name) for name in rows.payload]
     com = np.array([load.com * (load.mass > 0.0) for load in loads])
     lines.append((tip[:, :3, 3], tip[:, :3, 3] + np.einsum("nij,nj->ni", tip[:, :3, :3], com)))
-    share = np.linspace(0.0, 1.0, ALONG)[:, None, None]
+    # Points looked at along every link
+    share = np.linspace(0.0, 1.0, 5)[:, None, None]
     lowest, clear = np.full(len(tip), np.inf), np.full(len(tip), np.inf)
 
     still = [joint.child for joint in arm.robot.chain if np.ptp(places[joint.child], axis=0).max() < STILL_WITHIN]

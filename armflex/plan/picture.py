@@ -16,9 +16,6 @@ if TYPE_CHECKING:
 
     from armflex.plan.planned_rows import Plan
 
-CELLS = 22
-"""Cells across a map."""
-
 
 @checked_kinds
 def draw_plan(planned: Plan, path: str | Path) -> Path:
@@ -44,7 +41,8 @@ def draw_plan(planned: Plan, path: str | Path) -> Path:
         tip = planned.offered.view.line.tip[:, :3, 3]
         around = np.hypot(tip[:, 0], tip[:, 1]), tip[:, 2]  # the mean where the tip is, all around the base's z axis
         for axes, (title, values) in zip(maps, uncertainty.items(), strict=True):
-            marks = axes.hexbin(*around, values, gridsize=CELLS, norm=norm, cmap="viridis_r", linewidths=0.2)
+            # Cells across a map
+            marks = axes.hexbin(*around, values, gridsize=22, norm=norm, cmap="viridis_r", linewidths=0.2)
             axes.set(title=title, xlabel="distance from the base's z axis [m]", aspect="equal")
         maps[0].set_ylabel("z [m]")
         arm = planned.reach.arm

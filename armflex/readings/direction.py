@@ -32,8 +32,6 @@ ALIGNED = 0.01
 """Prior: standard deviation [rad] of where an axis points in its link, where none is stated: it is not known to an
 arcsecond before the first star."""
 
-FEWEST = 3
-"""Directions without which there is no frame of them."""
 
 UNIT = 1e-3
 """How far the length of a unit vector may be from 1."""
@@ -229,7 +227,8 @@ class Direction(Kind):
         sensor = at.sensors[self.name]
         deviation, turn = np.zeros(len(sensor.std)), [name.startswith(LOOKS.name) for name, _ in sensor.labels]
         read = np.isfinite(self.sigma).all(axis=1)
-        if read.sum() < FEWEST or not sensor.std[turn].max(initial=0.0) > NEAR:
+        # Directions without which there is no frame of them
+        if read.sum() < 3 or not sensor.std[turn].max(initial=0.0) > NEAR:
             return deviation
         wanted = self._sight(at).ways(self.values[read])
         left, _, right = np.linalg.svd(self._there(at)[read].T @ wanted)

@@ -14,9 +14,6 @@ from armflex.readings.postures import Postures
 from armflex.readings.sensor import ANCHOR, POINT, SCALE, Nuisance, zero_of
 from armflex.robot import Robot
 
-NEAR = 0.02
-"""Standard deviation of an anchor or a zero [m] up to which a fit finds it from where it is declared."""
-
 ANYWHERE, FALL = 5.0, 5.0
 """Standard deviation [m] of an anchor that may be anywhere, and how much better one elsewhere must fit to be named."""
 
@@ -80,7 +77,8 @@ class Distance(Kind):
         free = np.flatnonzero(sensor.std[:4])
         read = np.flatnonzero(np.isfinite(self.sigma[:, 0]))
         deviation = np.zeros(len(sensor.std))
-        if len(read) <= len(free) or sensor.std[:4].max(initial=0.0) < NEAR:
+        # Standard deviation of an anchor or a zero [m] up to which a fit finds it from where it is declared
+        if len(read) <= len(free) or sensor.std[:4].max(initial=0.0) < 0.02:
             return deviation
         from scipy.optimize import least_squares  # not needed to import the package
 

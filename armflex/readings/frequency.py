@@ -14,9 +14,6 @@ from armflex.readings.kind import Kind
 from armflex.readings.postures import Postures
 from armflex.robot import Robot
 
-NEAREST = 0.3
-"""Logarithm of the ratio up to which a frequency is matched to the nearest mode where nothing names the mode."""
-
 
 @dataclass(frozen=True)
 class Swing:
@@ -102,7 +99,8 @@ class Frequency(Kind):
         if not read:
             return float(frequencies[0])  # still to be taken: what rings longest
         away = np.abs(np.log(frequencies / read))
-        if away.min() > NEAREST:
+        # Logarithm of the ratio up to which a frequency is matched to the nearest mode where nothing names the mode
+        if away.min() > 0.3:
             text = f"{self.name} reads {read:.4g} Hz, and no mode is near: the arm has {modes_listed} Hz"
             raise InputError(f"{text}; name the mode in a column {self.name}_mode, or `axis` of the instrument")
         return float(frequencies[int(away.argmin())])

@@ -10,9 +10,6 @@ from armflex.readings.kind import Ends, Kind
 from armflex.readings.postures import Postures
 from armflex.readings.sensor import MOUNTING, zero_of
 
-STEEPEST = 0.77
-"""Sine of the inclination to which levels are made, 50 degrees."""
-
 
 @dataclass(frozen=True, eq=False)
 class Inclination(Kind):
@@ -44,7 +41,8 @@ class Inclination(Kind):
         return -across / _cosine(sine)[..., None] / size[:, None, None]
 
     def readable(self, at: Postures) -> np.ndarray:
-        return np.all(np.abs(self._tilts(at)[3]) < STEEPEST, axis=1)
+        # Sine of the inclination to which levels are made, 50 degrees
+        return np.all(np.abs(self._tilts(at)[3]) < 0.77, axis=1)
 
 
 def _cosine(sine: Array) -> Array:

@@ -10,10 +10,6 @@ from armflex.readings.kind import Ends, Kind
 from armflex.readings.postures import Postures
 from armflex.readings.sensor import POINT
 
-UNREAD = 1000.0
-"""Tolerance: times as uncertain as the best coordinate of its row one is stated that nobody read, as of a height."""
-
-
 LENGTH_ALIKE, FEWEST_ALIKE = 0.1, 8
 """Tolerance: scatter of the lengths of positions, over their standard deviation, below which all have one length
 exactly, and how many show that: they are directions, written as unit vectors."""
@@ -32,7 +28,8 @@ class Position(Kind):
     @property
     def read(self) -> np.ndarray:
         """(N, 3) coordinates that were read, in rows where any was."""
-        return self.sigma <= UNREAD * self.sigma.min(axis=1, keepdims=True)
+        # Times as uncertain as the best coordinate of its row one is stated that nobody read, as of a height
+        return self.sigma <= 1000.0 * self.sigma.min(axis=1, keepdims=True)
 
     @property
     def exact(self) -> int:

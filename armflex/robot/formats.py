@@ -28,9 +28,6 @@ from armflex.storage.read_file import MOST_BYTES, check_file
 XACRO = re.compile(r"https?://(www\.)?ros\.org/wiki/xacro/?")
 """The namespace of its tags, as it was and as it is."""
 
-ALIGNED = 1e-6
-"""How far links may be from where a weld wants them in the reference configuration, as numbers of a rotation."""
-
 
 def is_xacro(path: Path, root: etree._Element) -> bool:
     """Return whether a file is to be expanded: by its suffix, or as it has tags or expressions of xacro."""
@@ -276,7 +273,8 @@ def _joined(mujoco: Any, model: Any, bodies: list[str]) -> dict[int, dict[str, A
         else:
             sites = ends
         first, second = (turns[site].reshape(3, 3) for site in sites)
-        if kind == weld and np.abs(first.T @ second - wanted).max() > ALIGNED:
+        # How far links may be from where a weld wants them in the reference configuration, as numbers of a rotation
+        if kind == weld and np.abs(first.T @ second - wanted).max() > 1e-6:
             continue
         name, what = model.equality(i).name or f"equality{i}", "spherical" if kind == connect else "fixed"
         table = {"name": name, "link": bodies[ends[0]], "at": points[0].tolist(), "kind": what}

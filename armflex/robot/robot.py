@@ -34,8 +34,6 @@ DENSITY_BAND = (20.0, 23000.0)
 MILLIMETRES = 10.0
 """How many times the arm's reach a length is that must be in millimetres; one beyond the reach itself is doubted."""
 
-SHOWN = 1e-4
-"""To which positions are mostly shown and written down [rad or m]: 0.01 degrees, 0.1 mm."""
 
 MASS_RATIO = 400.0
 """A link this many times lighter or heavier than the median suggests tonnes or grams."""
@@ -159,7 +157,8 @@ class Robot:
         """
         at = self.side_positions(given)
         for name, wanted in self._followers(at).items():
-            for i in np.flatnonzero(np.abs(at[name] - wanted) > SHOWN)[:1]:
+            # To which positions are mostly shown and written down [rad or m]: 0.01 degrees, 0.1 mm
+            for i in np.flatnonzero(np.abs(at[name] - wanted) > 1e-4)[:1]:
                 actual, there = np.ravel(at[name])[i], np.ravel(wanted)[i]
                 master = self.urdf.joints[name].mimic[0]  # type: ignore[index]
                 text = f"joint {name!r} is at {actual:.6g}, but mimics {master!r}, which puts it at {there:.6g}"

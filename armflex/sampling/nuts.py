@@ -10,9 +10,6 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.errors import NotFiniteError, UnsupportedError
 
-JITTER = 0.1
-"""Standard deviation of the chain's first point about the start, in whitened units; nutpie refuses a zero gradient."""
-
 Density = Callable[[Array], tuple[float, Array]]
 
 
@@ -60,7 +57,8 @@ def no_u_turn(
     """
     nutpie, size = _nutpie(), len(start)
     first, rest = seed.generate_state(2)
-    origin = JITTER * np.random.default_rng(first).standard_normal(size)
+    # Standard deviation of the chain's first point about the start, in whitened units; nutpie refuses a zero gradient
+    origin = 0.1 * np.random.default_rng(first).standard_normal(size)
     value, gradient = density(start + whiten @ origin)
     if not (np.isfinite(value) and np.isfinite(gradient).all()):
         raise NotFiniteError(f"a chain cannot start where its log density is {value}")

@@ -15,12 +15,6 @@ from typing import IO
 
 from armflex.errors import FileError, Place
 
-ANYBODY = 0o666
-"""Mode of a new file, of which the system takes off the process's umask."""
-
-LONGEST = 40
-"""Letters of a file's name that a temporary one beside it repeats: the whole of it could be too long with more."""
-
 
 @dataclass
 class _Staged:
@@ -173,7 +167,8 @@ def _beside(path: Path, there: os.stat_result | None, staged: _Staged) -> Iterat
     """Yield a stream into a temporary file beside a path, which is staged once the block ends well."""
     if there is not None and not os.access(path, os.W_OK):
         raise PermissionError(0, "it is write-protected")
-    mode = ANYBODY if there is None else stat.S_IMODE(there.st_mode) & 0o777
+    # Mode of a new file, of which the system takes off the process's umask
+    mode = 0o666 if there is None else stat.S_IMODE(there.st_mode) & 0o777
     temporary = _temporary(path)
     # Never readable by more than the file itself, not even while it is empty.
     handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), mode)
@@ -191,7 +186,8 @@ def _beside(path: Path, there: os.stat_result | None, staged: _Staged) -> Iterat
 
 
 def _temporary(path: Path) -> Path:
-    return path.with_name(f".{path.name[:LONGEST]}.{secrets.token_hex(4)}")
+    # Letters of a file's name that a temporary one beside it repeats: the whole of it could be too long with more
+    return path.with_name(f".{path.name[:40]}.{secrets.token_hex(4)}")
 
 
 def _replace(files: list[tuple[Path, Path]]) -> None:

@@ -42,8 +42,6 @@ path. A stretch is not halved beyond the steps that the shortest one may be halv
 TOGETHER = 512
 """Rows and stretches that are judged together: memory does not grow with the samples."""
 
-TURNED = 2.0
-"""Times as far as bending alone turns the tip, from which on it is said that a path holds its position alone."""
 
 VERDICTS = ("fail", "uncertain", "ok")
 """The worst first."""
@@ -52,8 +50,6 @@ FAIL, UNCERTAIN, OK = range(len(VERDICTS))
 HALVES = slice(0, 3), slice(3, 6)
 """The shift of a displacement, and its turn."""
 
-ENDLESS = 1e9
-"""Tolerances that an infinite uncertainty counts as."""
 
 ROUNDING = 1e-9
 """Fraction of the tolerance within which points are equally bad: a row is named, not the end of a stretch."""
@@ -325,7 +321,8 @@ def turned_further(bent: float, turned: float) -> tuple[Flag, ...]:
         bent: How far bending alone turns the tip at most [rad].
         turned: How far it is turned at most from where it is meant [rad].
     """
-    if not turned > TURNED * bent:
+    # Times as far as bending alone turns the tip, from which on it is said that a path holds its position alone
+    if not turned > 2.0 * bent:
         return ()
     sizes = (
         f"by up to {number(turned * 1e3, 3)} mrad from where it is meant, by {number(bent * 1e3, 3)} from bending alone"
@@ -465,7 +462,8 @@ class _Judge:
         )
         judged = limits.shape[1]
         size, sigma = sizes[:, :judged], np.nan_to_num(sigmas[:, :judged], posinf=np.inf)
-        half_width = np.minimum(COVERAGE * sigma, ENDLESS * limits)
+        # Tolerances that an infinite uncertainty counts as
+        half_width = np.minimum(COVERAGE * sigma, 1e9 * limits)
         margins, possible = limits - size, reason == ""
         verdicts = np.where(np.abs(margins) < half_width, UNCERTAIN, np.where(margins >= 0.0, OK, FAIL))
         verdict = np.where(possible, verdicts.min(axis=1), FAIL)

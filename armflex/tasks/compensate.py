@@ -38,9 +38,6 @@ TOGETHER = 1024
 LARGEST_CHANGE = 0.5
 """A correction of more than this [rad or m] is no correction of a deflection."""
 
-TO_BLAME = 1e-3
-"""Joints are blamed whose way out of their limits has at least this part in the way the error would have to go."""
-
 
 @dataclass(frozen=True)
 class CompensatedRow:
@@ -447,7 +444,8 @@ class _Solver:
         (low, high), change = self.box(i), point.change
         pull = point.jacobian.T @ point.matched
         size = np.linalg.norm(point.jacobian, axis=0) * np.linalg.norm(point.matched)
-        down, up = (sign * pull > TO_BLAME * size for sign in (1.0, -1.0))
+        # Joints are blamed whose way out of their limits has at least this part in the way the error would have to go
+        down, up = (sign * pull > 1e-3 * size for sign in (1.0, -1.0))
         stuck = ((change <= low + 1e-9) & down) | ((change >= high - 1e-9) & up)
         far = np.abs(change) >= LARGEST_CHANGE - 1e-9
         names = np.array(self.arm.joint_names)

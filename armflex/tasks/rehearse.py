@@ -45,15 +45,6 @@ from armflex.trace.state import begin
 ROWS, DRAWS = 60, 3
 """Rows that are planned where none are given, and campaigns that are simulated of each effect."""
 
-CHECKED = 12
-"""Tolerance: of the likeliest hypotheses so many have their size compared with what machines have."""
-
-FAINT = 1e-3
-"""Tolerance: mean probability below which another name is not reported."""
-
-SMALLER = 1e-2
-"""Tolerance: share of the size asked for down to which a size that machines have is sought."""
-
 
 @dataclass(frozen=True)
 class Rehearsed:
@@ -253,7 +244,8 @@ def _rehearsed(
         if not 0.0 < moved < np.inf:
             return Rehearsed(*what, 0.0, 0.0, 0.0, 1.0)
         scaled, moved = scaled * size / moved, size
-        while screen.charge(number, group.scale * scaled) > 0.0 and moved > SMALLER * size:
+        # Share of the size asked for down to which a size that machines have is sought
+        while screen.charge(number, group.scale * scaled) > 0.0 and moved > 1e-2 * size:
             scaled, moved = 0.5 * scaled, 0.5 * moved
         sizes.append(moved)
         drawn = projection.regressors @ _drawn(projection.precision, rng)
@@ -262,7 +254,8 @@ def _rehearsed(
         within += float(chances[chances > chances[place]].sum()) < CREDIBLE
         mean += chances / draws
     best = [i for i in np.argsort(-mean).tolist() if i not in (place, len(mean) - 1)]
-    confused = tuple((places.titles[i], float(mean[i])) for i in best[:3] if mean[i] > FAINT)
+    # Mean probability below which another name is not reported
+    confused = tuple((places.titles[i], float(mean[i])) for i in best[:3] if mean[i] > 1e-3)
     return Rehearsed(*what, float(np.mean(sizes)), float(mean[place]), within / draws, float(mean[-1]), confused)
 
 
@@ -285,7 +278,8 @@ def _posterior(screen: Screen, places: Places, readings: Array) -> Array:
     evidence = screen.with_readings(screen.scores_of(readings[:, None])[:, 0], left)
     beside = evidence.beside(())
     logs: Array = np.asarray(logsumexp(beside.odds, axis=1))
-    for number in np.argsort(-logs)[:CHECKED].tolist():
+    # Of the likeliest hypotheses so many have their size compared with what machines have
+    for number in np.argsort(-logs)[:12].tolist():
         scale = int(beside.odds[number].argmax())
         logs[number] -= screen.charge(number, beside.amplitudes_of(number, scale))
     weights = np.exp(np.append(logs, 0.0) - max(float(logs.max()), 0.0))

@@ -29,8 +29,6 @@ from armflex.trajectory import Trajectory, as_trajectory
 FURTHER = 0.02
 """Tolerance: way of any joint [rad or m] after which the modes are computed anew; motions are cut into such ways."""
 
-FINE = 24
-"""Samples in a period of the fastest mode that is followed."""
 
 SAMPLES = 1024
 """Of a decay that are looked at together."""
@@ -283,7 +281,8 @@ def _swing(arm: Arm, modes: Modes, size: Array, speed: Array, within: float) -> 
     moving = reach > 1e-6 * reach.sum()  # share of all modes' envelopes below which a mode does not move the tip
     if not moving.any():
         return 0.0, 0.0
-    step, period = 1.0 / (FINE * float(modes.frequencies[moving][-1])), 1.0 / float(modes.frequencies[0])
+    # Samples in a period of the fastest mode that is followed
+    step, period = 1.0 / (24 * float(modes.frequencies[moving][-1])), 1.0 / float(modes.frequencies[0])
     last, peak, begun = 0.0, 0.0, 0
     while begun * step < period or reach @ np.exp(-rates * begun * step) > min(within, peak):
         if begun > 200_000:  # of a decay: what would take more is of a damping that no arm has

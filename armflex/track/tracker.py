@@ -26,8 +26,6 @@ EVERY, PATIENCE = 16, 0.02
 """Drift is added to the covariance at every sixteenth reading at the latest, and before a reading where it has come to
 this part of a parameter's variance: a new square root costs more than a reading."""
 
-HEARD = 1e12
-"""What is not known of a reading, in its standard deviations, at most: a kilometre where it is read to a nanometre."""
 
 FASTEST = 10
 """A rate, per unit of time, at most, by what is expected of a change."""
@@ -247,7 +245,9 @@ class Tracker:
         try:
             for before in (self._before, watch.first.estimate, watch.later.estimate, state.estimate):
                 through_root = [float(np.abs(seen.jacobian @ before.root).max()) for seen in watch.window]
-                if max(through_root, default=0.0) > HEARD:
+                # What is not known of a reading, in its standard deviations, at most: a kilometre where it is read to a
+                # nanometre
+                if max(through_root, default=0.0) > 1e12:
                     raise InputError("a reading says less of the parameters than rounding leaves")
                 if watch.window:
                     contradicted(watch.window, before)

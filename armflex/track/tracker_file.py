@@ -82,8 +82,6 @@ WRENCH = {
 }
 """A load from outside; of what hangs beside the chain its joints' positions, too."""
 
-MOST_READ = 1000
-"""Numbers that one reading may be."""
 
 READING = {
     "q": list[float],
@@ -128,7 +126,7 @@ LAYOUT = Layout(
         "readings": list[READING],
         "changes": list[CHANGE],
     },
-    lambda about: {f"numbers {i}": range(1, MOST_READ) for i in range(len(about["watch"]["weights"]))},
+    lambda about: {f"numbers {i}": range(1, 1000) for i in range(len(about["watch"]["weights"]))},  # of a reading
     anew="begin a new tracker",
     error=ModelFileError,
 )

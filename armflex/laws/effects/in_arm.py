@@ -146,10 +146,6 @@ def with_twists(flexures: Sequence[Flexure], effects: Sequence[Effect], robot: R
     return tuple(modelled)
 
 
-MARGIN = 0.05
-"""Part of the range in which an effect was found, by which a column may be beyond it and nothing is said."""
-
-
 def excess(row: Row, name: str, low: float, high: float) -> Array:
     """Return by how much of a range from low to high a column is beyond it, below zero where it is within."""
     values = row.column(name)
@@ -167,7 +163,8 @@ def beyond_seen(effects: Sequence[Effect], row: Row) -> dict[int, list[Flag]]:
     for effect in effects:
         for name, low, high in effect.ranges:
             values, size = np.atleast_1d(row.column(name)), np.atleast_1d(excess(row, name, low, high))
-            for i in np.flatnonzero(size > MARGIN).tolist():
+            # Part of the range in which an effect was found, by which a column may be beyond it and nothing is said
+            for i in np.flatnonzero(size > 0.05).tolist():
                 text = f"{name} = {values[i]:.4g} is outside the {low:.4g} to {high:.4g} it was found in"
                 text += "" if effect.law.physical else ", where it is no law: the arm without it may be nearer there"
                 flag = Flag("extrapolating", f"{effect.title}: {text}", f"{effect.title} {name}", float(size[i]))

@@ -16,9 +16,6 @@ from armflex.laws.effects.in_arm import BoundTwist
 from armflex.laws.effects.location import resolve
 from armflex.laws.joint.linear import SOFTEST
 
-ROWS_ASKED = 15
-"""Tolerance: rows looked at."""
-
 IMPLAUSIBLE = 3.0
 """Prior: times what is plausible of its law beyond which an effect is implausible."""
 
@@ -140,7 +137,8 @@ def _given(effect: Effect, view: Solved, context: Context) -> Array:
 
 def _some(view: Solved) -> np.ndarray:
     """Return the numbers of the rows looked at."""
-    return np.unique(np.linspace(0, len(view.rows) - 1, ROWS_ASKED).astype(int))
+    # Rows looked at
+    return np.unique(np.linspace(0, len(view.rows) - 1, 15).astype(int))
 
 
 def _largest(site: str, context: Context) -> Array:

@@ -11,9 +11,6 @@ from armflex.laws.effects.location import Location
 from armflex.laws.effects.shapes import at_joints, on_axis, twists
 from armflex.laws.terms import Factor, Of
 
-STEPS = 40
-"""Times to begin the search with."""
-
 
 def moments(time: Array) -> Array:
     """Return the moments in between some at which something may have stepped: one reading before it is a lost beam."""
@@ -24,7 +21,8 @@ def moments(time: Array) -> Array:
 def times(location: Location, context: Context) -> Iterable[float]:
     """Return the times at which a search for a step begins."""
     between = moments(context.column("time"))
-    return between[np.linspace(0, len(between) - 1, STEPS).astype(int)] if len(between) else ()
+    # Times to begin the search with
+    return between[np.linspace(0, len(between) - 1, 40).astype(int)] if len(between) else ()
 
 
 SLIP_STEP = TwistLaw(

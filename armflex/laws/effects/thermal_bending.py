@@ -12,9 +12,6 @@ from armflex.laws.effects.effect import Afterwards, Amplitude, Inner, Plausible,
 from armflex.laws.effects.location import LINK, Here, Location, joint_named, path_to
 from armflex.laws.effects.shapes import LAGGED, ON_THE_LINK, WARM, shows_lag, twists, warm
 
-PARALLEL = 1.0 - 1e-9
-"""Tolerance: cosine above which two axes are one."""
-
 
 def _direction(here: Here, inner: Values) -> Array:
     (x, y, z), (u, v, w) = here.direction[3:].tolist(), ((1.0 - inner[0]) * here.length).tolist()
@@ -29,7 +26,8 @@ def _along(location: Location, context: Context) -> Values:
     turned = np.eye(3)[AXES_TURN.index(location.axis or AXES_TURN[0])]
     for outer in reversed(path_to(joint, robot)):
         if outer is not joint and outer in robot.jointed:
-            same = outer.kind != "prismatic" and abs(turned @ outer.axis) > PARALLEL
+            # Cosine above which two axes are one
+            same = outer.kind != "prismatic" and abs(turned @ outer.axis) > 1.0 - 1e-9
             return (1.0, 0.5) if same else (1.0, 0.5, 0.0)
         turned = outer.rotation @ turned
     return 1.0, 0.5

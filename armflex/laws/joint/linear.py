@@ -18,8 +18,6 @@ from armflex.storage.schema import Numbers
 
 SYMMETRY = 1e-9
 
-SINGULAR = 1e-12
-"""Least eigenvalue of a stiffness, its diagonal 1, of which an inverse has digits that mean something."""
 
 SOFTEST = (1e-5, 1e-3)
 """m/N and rad/Nm beyond which a single joint of steel is implausible; a hint at a wrong unit, no more."""
@@ -30,8 +28,6 @@ compliance = [1e-8, 2e-8, 1e-8, 1e-6, 2e-6, 1e-6]  # of dx dy dz [m/N], rx ry rz
 relative_std = 0.05  # of every entry, of a single hinge as a whole; optional
 """
 
-FIRMEST = 1e-3
-"""Relative standard deviation below which no fit to a bench is taken to know a joint as it is in the arm."""
 
 ARRAYS = {
     "compliance": Numbers(("k", "k")),
@@ -169,7 +165,8 @@ class LinearLaw(Law):
             return None
         if self.fit is not None:
             stds = np.sqrt([self.fit.row_covariance[axis, axis, axis] for axis in axes])
-            std = tuple(np.clip(stds / np.diag(self.compliance)[list(axes)], FIRMEST, LOOSE).tolist())
+            # Relative standard deviation below which no fit to a bench is taken to know a joint as it is in the arm
+            std = tuple(np.clip(stds / np.diag(self.compliance)[list(axes)], 1e-3, LOOSE).tolist())
         elif self._sole is not None and len(axes) > 1:
             return ScaledLaw(self.certain(), np.zeros(6), (self._sole,), self.relative_std or LOOSE)
         return LogCompliance(self, axes, std, np.zeros(len(axes) * (len(axes) + 1) // 2))
@@ -262,7 +259,8 @@ def _inverted(table: Declaration) -> Array:
         i, j = np.unravel_index(np.argmax(skew), (6, 6))
         pair = f"K[{i}][{j}] = {matrix[i, j]:g}, K[{j}][{i}] = {matrix[j, i]:g}"
         raise table.fail("stiffness", f"is not symmetric: {pair}")
-    if np.linalg.eigvalsh(0.5 * (scaled + scaled.T))[0] < SINGULAR:
+    # Least eigenvalue of a stiffness, its diagonal 1, of which an inverse has digits that mean something
+    if np.linalg.eigvalsh(0.5 * (scaled + scaled.T))[0] < 1e-12:
         raise table.fail("stiffness", "is not positive definite: some load would move it without bound")
     inverse = np.linalg.inv(0.5 * (scaled + scaled.T)) / root
     return 0.5 * (inverse + inverse.T)

@@ -19,8 +19,6 @@ from armflex.laws.terms import Factor, Of, Terms, straight
 LOOSE = 0.5
 """Prior standard deviation of a factor's logarithm where nothing was declared."""
 
-CLOSE = 1e-13
-"""Relative error of a compliance as a polynomial in a joint's position; more degrees than these are not tried."""
 DEGREES = (8, 16, 32, 64)
 
 COUPLED, BENT = 0.05, 0.3
@@ -90,7 +88,9 @@ class LogCompliance(Compliance):
             wanted = self.compliance(row).reshape(len(places), 36)
             values = np.polynomial.chebyshev.chebvander(places, degree)
             coefficients = np.asarray(np.linalg.lstsq(values, wanted, rcond=None)[0], float)
-            if np.abs(values @ coefficients - wanted).max() <= CLOSE * np.abs(wanted).max():
+            # Relative error of a compliance as a polynomial in a joint's position; more degrees than these are not
+            # tried
+            if np.abs(values @ coefficients - wanted).max() <= 1e-13 * np.abs(wanted).max():
                 column, parts = f"q_{self.joint}", enumerate(coefficients.reshape(-1, 6, 6))
                 numbers = (self.middle, self.reach)
                 return [straight(part, Factor(Of.CHEBYSHEV, column, (*numbers, float(n)))) for n, part in parts]

@@ -24,9 +24,6 @@ from armflex.laws.law import Ranges, Row, WithoutParameters, block_norms, check_
 from armflex.laws.terms import Neurons, Term, Terms, straight
 from armflex.storage.schema import LARGEST, Numbers, check_arrays
 
-AGREEMENT = 1e-8
-"""Tolerance: what they may differ by of the largest number given, since torch cuts softplus off where it is 2e-9."""
-
 
 class Activation(NamedTuple):
     """A function of every neuron's net value.
@@ -340,6 +337,7 @@ def _check_same(module: Any, layers: tuple[Layer, ...], size: int) -> None:
         raise LawError(f"the module gives numbers of shape {given.shape} for loads of shape {loads.shape}")
     if not np.isfinite(given).all():
         raise LawError("the module gives numbers that are not finite at loads of order one")
-    if np.abs(passed(layers, loads) - given).max() > AGREEMENT * max(np.abs(given).max(), 1.0):
+    # What they may differ by of the largest number given, since torch cuts softplus off where it is 2e-9
+    if np.abs(passed(layers, loads) - given).max() > 1e-8 * max(np.abs(given).max(), 1.0):
         text = "the module gives other numbers than its linear layers and activations with their usual settings"
         raise LawError(f"{text}: has it hooks, or an activation with a setting of its own?")

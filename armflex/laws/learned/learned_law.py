@@ -19,10 +19,6 @@ from armflex.laws.learned.correction import Correction, NetworkCorrection, Polyn
 from armflex.laws.learned.seen import Seen
 from armflex.laws.terms import Terms
 
-SLACK = 0.02
-"""Of the range of a load, by which it may be beyond those seen: a campaign's loads are those of the arm as it bends."""
-
-
 CORRECTED = ("polynomial", "neural", "bayesian")
 """Models with a correction on top of a compliance; without a file they are declared by the compliance."""
 
@@ -193,7 +189,9 @@ class LearnedLaw(Law):
     def flags(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
         """Return a flag for every component of the load beyond those seen, by more than anybody knows them."""
         low, high = self.seen.loads
-        return beyond(np.array([low, high]) + SLACK * (high - low) * np.array([[-1.0], [1.0]]), wrench)
+        # Of the range of a load, by which it may be beyond those seen: a campaign's loads are those of the arm as it
+        # bends
+        return beyond(np.array([low, high]) + 0.02 * (high - low) * np.array([[-1.0], [1.0]]), wrench)
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,6 @@ OVER = 1.0
 UNKNOWN = 2.0
 """Distance from which on nothing is known of a correction any more, whatever is left of it."""
 
-ROUND = 4000
-"""Directions that are drawn where all are meant."""
 
 STEEPEST = 1.875
 """Largest slope of the smooth step from 1 to 0 over a unit of distance."""
@@ -100,7 +98,8 @@ class Seen:
         """Return (N, 6) directions off the mean: those of (M, 6) loads, and all round, many of them drawn."""
         size, axes = np.linalg.eigh(self.precision)
         axes = axes[:, size > 0.0].T / np.sqrt(size[size > 0.0])[:, None]
-        drawn = np.random.default_rng(0).normal(size=(ROUND, len(axes))) @ axes
+        # Directions that are drawn where all are meant
+        drawn = np.random.default_rng(0).normal(size=(4000, len(axes))) @ axes
         return np.concatenate([wrenches - self.mean, axes, -axes, drawn])
 
     def furthest(self, off: Array) -> Array:

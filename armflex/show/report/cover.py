@@ -28,8 +28,6 @@ from armflex.version import __version__
 
 Table = tuple[tuple[str, ...], ...]
 
-MOST = 2000
-"""Points that a page has room for."""
 
 MARKED = 0.95
 """Share of the points up to which an error is not marked."""
@@ -136,7 +134,8 @@ def points(measurements: Measurements, rows: np.ndarray, now: Errors, before: Er
     if not len(sizes):
         return []
     limit, largest = float(np.quantile(sizes, MARKED)), []
-    for i in np.argsort(-sizes, kind="stable")[:MOST].tolist():
+    # Points that a page has room for
+    for i in np.argsort(-sizes, kind="stable")[:2000].tolist():
         row = int(rows[i])
         place = measurements.places[row].short if measurements.places else f"row {row}"
         named = (measurements.pose[row], measurements.session[row], measurements.payload[row])

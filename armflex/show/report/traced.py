@@ -20,12 +20,6 @@ from armflex.trace.projection import project
 from armflex.trace.unrecorded import localise
 from armflex.version import __version__
 
-FAMILY_PLACES = 3
-"""Places of a kind of effect that are listed."""
-
-SHOWN = 20
-"""Rows of a list of outliers or parameters."""
-
 Table = tuple[tuple[str, ...], ...]
 
 
@@ -86,7 +80,8 @@ def account(trace: Trace) -> SimpleNamespace:
 def _outliers(trace: Trace) -> Iterator[tuple[str, ...]]:
     """Yield where the first outliers are, how far off, and what they are."""
     measurements = trace.state.measurements
-    for outlier in trace.outliers[:SHOWN]:
+    # Rows of a list of outliers or parameters
+    for outlier in trace.outliers[:20]:
         place = measurements.places[outlier.row].short if measurements.places else f"row {outlier.row}"
         kind = f"{outlier.kind} with {outlier.fellow}" if outlier.fellow else outlier.kind
         yield place, measurements.pose[outlier.row], millimetres(outlier.error_m, unit=outlier.shown_in), kind
@@ -193,13 +188,14 @@ def _families(trace: Trace) -> Table:
     kinds, said = trace.families, _errors_of(trace)[0]
     if kinds is None:
         return ()
+    # Places of a kind of effect that are listed
     return tuple(
         (
             family.name,
             said(family.rms),
             f"{family.evidence:.0f}",
             f"{said(family.held_out_without)} → {said(kinds.held_out[1])}",
-            ", ".join(f"{place.site} {place.axis} {said(place.rms)}" for place in family.places[:FAMILY_PLACES]),
+            ", ".join(f"{place.site} {place.axis} {said(place.rms)}" for place in family.places[:3]),
         )
         for family in kinds.found
     )

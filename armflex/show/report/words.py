@@ -13,8 +13,6 @@ from armflex.parameters import numbered
 PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 """Factors of a numerator in metres or radians; metres beyond a few are never kilometres."""
 
-SHARE = 0.05
-"""Pure numbers below this are read as a share."""
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _NUMERATOR = re.compile(r"(rad|m)(?=$|/| per )")
@@ -54,7 +52,8 @@ def with_std(value: float, std: float | None) -> str:
 def scaled(size: float, unit: str) -> tuple[float, str]:
     """Return a factor and the unit that it makes of one: 1e-3 and 'mrad' for a size of 0.002 rad."""
     shown = re.sub(r"\^(\d)", lambda match: match[1].translate(_SUPERSCRIPT), _PLAIN.get(unit, unit))
-    if unit in ("1", "1/K") and 0.0 < size < SHARE:
+    # Pure numbers below this are read as a share
+    if unit in ("1", "1/K") and 0.0 < size < 0.05:
         return (1e-6, "ppm" + unit[1:]) if size < 1e-3 else (1e-2, "%" + unit[1:])
     if not _NUMERATOR.match(unit) or size == 0.0:
         return 1.0, shown
