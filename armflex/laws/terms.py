@@ -384,12 +384,27 @@ class Neurons:
 
     def twist(self, load: Array) -> Array:
         """Return the (..., 6) twist under (..., 6) loads but for its factors."""
-        return np.tanh(load @ self.units.T + self.bias) @ self.gains
+        return self._in_parts(lambda curves: curves @ self.gains, load)
 
     def tangent(self, load: Array) -> Array:
         """Return the (..., 6, 6) derivative by the load but for its factors."""
-        slopes = 1.0 - np.tanh(load @ self.units.T + self.bias) ** 2
-        return (slopes @ (self.gains[:, :, None] * self.units[:, None, :]).reshape(-1, 36)).reshape(*load.shape, 6)
+        each, total = self._slopes
+        return self._in_parts(lambda curves: total - np.square(curves) @ each, load).reshape(*load.shape, 6)
+
+    @cached_property
+    def _slopes(self) -> tuple[Array, Array]:
+        """(H, 36) slope that each neuron gives where it is steepest, and its sum over all [m/N, rad/Nm and mixed]."""
+        each = (self.gains[:, :, None] * self.units[:, None, :]).reshape(-1, 36)
+        return each, each.sum(axis=0)
+
+    def _in_parts(self, ask: Callable[[Array], Array], load: Array) -> Array:
+        """Return what is asked of the (..., H) curves under (..., 6) loads."""
+        rows = max(2**17 // len(self.bias), 1)  # whose curves a core's own cache takes
+        if load.ndim == 1 or load.size <= 6 * rows:
+            return ask(np.tanh(load @ self.units.T + self.bias))
+        flat = load.reshape(-1, 6)
+        parts = [self._in_parts(ask, flat[start : start + rows]) for start in range(0, len(flat), rows)]
+        return np.concatenate(parts).reshape(*load.shape[:-1], -1)
 
     def single(self) -> Iterator[Term]:
         """Yield every neuron as a term of its own."""

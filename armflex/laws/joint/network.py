@@ -6,7 +6,7 @@ weights and its bias, then for each output its H weights and its offset. They be
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -20,9 +20,6 @@ from armflex.storage.schema import LARGEST, Numbers, check_arrays
 
 NEARBY = 1e-4
 """Largest step of a weight over which a network is taken as straight: its cube against rounding divided by it."""
-
-CHUNK = 2**17
-"""Hidden values held at once when many loads are asked about: about what a core's own cache takes."""
 
 ARRAYS = {
     "hidden": Numbers(("networks", "neurons", "k")),
@@ -99,22 +96,6 @@ class NetworkLaw(Law):
         gains = np.moveaxis(halves, 1, 2).reshape(-1, self.size) / len(halves)
         return np.ascontiguousarray(gains), self.output_mean + constant.mean(axis=0)
 
-    @cached_property
-    def _slopes(self) -> tuple[Array, Array]:
-        """(S H, k k) slope that each neuron gives where it is steepest, and its sum over all [m/N, ...]."""
-        gains, units = self._answers[0], self._units[0]
-        each = (gains[:, :, None] * units.T[:, None, :]).reshape(len(gains), -1)
-        return each, each.sum(axis=0)
-
-    def twist(self, wrench: Array, row: Row) -> Array:
-        """Return the (..., 6) average of the networks' answers, zero in components they do not have."""
-        return embed(_by_chunks(self._twist, np.asarray(wrench)[..., : self.size], len(self._units[1])), axes=1)
-
-    def tangent(self, wrench: Array, row: Row) -> Array:
-        """Return the (..., 6, 6) analytic derivative of `twist`."""
-        slopes = _by_chunks(self._tangent, np.asarray(wrench)[..., : self.size], len(self._units[1]))
-        return embed(slopes.reshape(*slopes.shape[:-1], self.size, self.size))
-
     def compliance_bound(self, ranges: Ranges) -> Array:
         """Return the sum over all neurons of what each gives where it is steepest."""
         (units, _), (gains, _) = self._units, self._answers
@@ -128,14 +109,6 @@ class NetworkLaw(Law):
         """Return the neurons of all networks together, and a constant."""
         (units, bias), (gains, constant) = self._units, self._answers
         return Neurons(embed(units.T, axes=1), bias, embed(gains, axes=1)), Term(embed(constant, axes=1))
-
-    def _twist(self, load: Array) -> Array:
-        (units, bias), (gains, constant) = self._units, self._answers
-        return np.tanh(load @ units + bias) @ gains + constant
-
-    def _tangent(self, load: Array) -> Array:
-        (units, bias), (each, total) = self._units, self._slopes
-        return total - np.square(np.tanh(load @ units + bias)) @ each
 
     def draws(self, load: Array) -> Array:
         """Return the (..., S, k) answers [m, rad] of the single networks to (..., k) loads."""
@@ -243,15 +216,6 @@ class NetworkLaw(Law):
             return flags
         text = f"load is outside the loads it was trained on: {times:.3g} times as far from their mean as any of them"
         return (*flags, Flag("extrapolating", text))
-
-
-def _by_chunks(ask: Callable[[Array], Array], loads: Array, width: int) -> Array:
-    """Return what is asked at (..., k) loads, some rows at a time so that hidden values stay near the processor."""
-    if loads.ndim == 1 or loads.size // loads.shape[-1] * width <= CHUNK:
-        return ask(loads)
-    flat, rows = loads.reshape(-1, loads.shape[-1]), max(CHUNK // width, 1)
-    parts = [ask(flat[start : start + rows]) for start in range(0, len(flat), rows)]
-    return np.concatenate(parts).reshape(*loads.shape[:-1], -1)
 
 
 def weight_count(size: int, neurons: int) -> int:

@@ -179,24 +179,11 @@ class NetworkCorrection(Correcting):
         values = [hidden, rng.normal(0.0, 1.0, neurons), np.zeros(inputs * neurons)]
         return cls(seen, np.concatenate(values), neurons)
 
-    def twist(self, wrench: Array, row: Row) -> Array:
-        hidden, bias, output = self._weights
-        curve = np.tanh((wrench[..., self.axes] / self.typical) @ hidden.T + bias)
-        return (curve - np.tanh(bias)) @ (self.to_twist @ output).T
-
     def terms(self) -> Terms:
         hidden, bias, output = self._weights
         units, gains = np.zeros((len(bias), 6)), self.to_twist @ output
         units[:, self.axes] = hidden / self.typical
         return Neurons(units, bias, gains.T), Term(-gains @ np.tanh(bias))
-
-    def tangent(self, wrench: Array, row: Row) -> Array:
-        hidden, bias, output = self._weights
-        slope = 1.0 - np.tanh((wrench[..., self.axes] / self.typical) @ hidden.T + bias) ** 2
-        whole = np.zeros((*wrench.shape[:-1], 6, 6))
-        into = hidden / self.typical
-        whole[..., self.axes] = (self.to_twist @ output) @ (slope[..., None] * into)
-        return whole
 
     def by_values(self, wrench: Array, row: Row) -> Array:
         hidden, bias, output = self._weights
