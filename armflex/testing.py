@@ -78,20 +78,9 @@ def check_law(model: LawModel, joint: str = "J2") -> None:
     table.finish()
     beyond = columns_beyond_joints(law, ranges)
     assert not beyond, f"its terms depend on the column {beyond[0]!r}: what depends on a recorded column is an effect"
-    names = [parameter.name for parameter in law.parameters]
-    assert len(names) == len(set(names)) == len(law.values), f"{names}: a name for every value, each once"
-    for values in (law.values, law.values * 1.01 + 1e-9):
-        _close(law.at(values).values, values, 1e-12, "values of `at`, and those that it was given,")
     rng = np.random.default_rng(2)
-    rows = Row(_positions(heavy, 8, 1), heavy.joint_index)
-    loads = SIZE * rng.uniform(-1.0, 1.0, (8, 6))
-    _check_law_derivatives(law, loads, rows)
-    for what, answer in (("twist", law.twist), ("tangent", law.tangent), ("by_values", law.by_values)):
-        each = np.array([answer(load, rows.some(i)) for i, load in enumerate(loads)])
-        _close(answer(loads, rows), each, 1e-9, f"{what} of many rows beside one by one")
-    if law.known_terms is not None:
-        _close(twist_of(law.known_terms, loads, rows), law.twist(loads, rows), 1e-9, "twist of the terms")
-        _close(tangent_of(law.known_terms, loads, rows), law.tangent(loads, rows), 1e-9, "tangent of the terms")
+    rows, loads = Row(_positions(heavy, 8, 1), heavy.joint_index), SIZE * rng.uniform(-1.0, 1.0, (8, 6))
+    check_answers(law, loads, rows)
     assert (np.einsum("ni,ni->n", loads, law.twist(loads, rows)) >= 0.0).all(), "a load that does negative work"
     # By which the joint of a simulated arm gives more than declared
     softer = law.scaled(np.full(6, np.sqrt(1.3)))
@@ -111,6 +100,44 @@ def check_law(model: LawModel, joint: str = "J2") -> None:
             calibrated = calibrate(arm, campaign)
         left = float(np.sqrt((calibrated.fit.view.residual**2).mean()))
         assert left < 1.3 * SIGMA, f"a softer joint is not found by calibration: {left:.3g} m left of {SIGMA:g}"
+
+
+def check_answers(law: Law, loads: Array, rows: Row) -> None:
+    """Check what a joint law answers, for one that is a Python object and that no arm.toml declares.
+
+    Its values are what they are set to, its derivatives those of its twist, its terms and its affine form its twist, no
+    tangent is steeper than its bound, and one row is answered as many are.
+
+    Args:
+        law: It.
+        loads: (N, 6) wrenches that it is asked under [N, Nm].
+        rows: The N rows.
+
+    Raises:
+        AssertionError: One of these does not hold.
+    """
+    names = [parameter.name for parameter in law.parameters]
+    assert len(names) == len(set(names)) == len(law.values), f"{names}: a name for every value, each once"
+    assert not any(" " in name for name in names), f"{names}: a name has no blank"
+    for values in (law.values, law.values + 0.01 * np.abs(law.values) + 1e-9):
+        _close(law.at(values).values, values, 1e-12, "values of `at`, and those that it was given,")
+    _check_law_derivatives(law, loads, rows)
+    for ask in (law.twist, law.tangent, law.by_values, law.covariance):
+        each = [ask(load, rows.some(i)) for i, load in enumerate(loads)]
+        if each[0] is not None:
+            _close(ask(loads, rows), np.array(each), 1e-9, f"{ask.__name__} of many rows beside one by one")
+    if law.known_terms is not None:
+        _close(twist_of(law.known_terms, loads, rows), law.twist(loads, rows), 1e-9, "twist of the terms")
+        _close(tangent_of(law.known_terms, loads, rows), law.tangent(loads, rows), 1e-9, "tangent of the terms")
+    for form in (law.affine(rows), None if law.constant is None else (np.zeros(6), law.constant)):
+        if form is not None:
+            _close(form[0] + (form[1] @ loads[..., None])[..., 0], law.twist(loads, rows), 1e-9, "affine form")
+    q = {name: rows.position(name) for name in rows.joint_index}
+    bound = law.compliance_bound({name: (float(at.min()), float(at.max())) for name, at in q.items()})
+    if bound is not None:
+        blocks = law.tangent(loads, rows).reshape(-1, 2, 3, 2, 3).swapaxes(2, 3)
+        steepest = np.linalg.norm(blocks, ord=2, axis=(-2, -1)).max(axis=0)
+        assert (steepest <= bound * (1.0 + 1e-9)).all(), f"a tangent, {steepest}, is steeper than the bound, {bound}"
 
 
 def check_effect(law: EffectLaw, columns: Mapping[str, tuple[float, float]] | None = None) -> None:
@@ -346,13 +373,14 @@ def _check_effect_at(effect: Effect, setup: Setup, campaign: Measurements, view:
 
 
 def _check_law_derivatives(law: Law, loads: Array, rows: Row) -> None:
+    size = np.abs(loads).max(axis=0)
     for i, load in enumerate(loads[:3]):
         row = rows.some(i)
         quotients = np.empty((6, 6))
-        for axis, step in enumerate(1e-5 * SIZE):
+        for axis, step in enumerate(1e-4 * size):
             ends = [law.twist(load + side * step * np.eye(6)[axis], row) for side in (1.0, -1.0)]
             quotients[:, axis] = (ends[0] - ends[1]) / (2.0 * step)
-        _close(law.tangent(load, row) * SIZE, quotients * SIZE, 1e-5, "tangent")
+        _close(law.tangent(load, row) * size, quotients * size, 1e-5, "tangent")
         by_values = law.by_values(load, row)
         assert by_values.shape == (6, len(law.values)), f"by_values is {by_values.shape}"
         for place, value in enumerate(law.values):

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.bench import some_law, some_perceptron
-from support.small_arms import central_difference, three_joints
+from support.small_arms import three_joints
 
 from armflex import Arm, Measurements, Reading, Tracker, calibrate, load_arm, plan
 from armflex.conventions import Array
@@ -19,9 +19,9 @@ from armflex.laws.joint.linear import LinearFit
 from armflex.laws.joint.network import weight_count
 from armflex.laws.joint.polynomial import PolynomialLaw
 from armflex.laws.law import anywhere
-from armflex.laws.terms import tangent_of, twist_of
 from armflex.readings import Position, Readings
 from armflex.rows import Rows
+from armflex.testing import check_answers
 
 EXAMPLES = {name: model.example for name, model in LAWS.items()}
 COUNT, SIGMA = 60, 1e-5
@@ -109,34 +109,8 @@ def asked(law: Law, count: int = 8) -> tuple[Array, Row]:
     return 0.7 * size * rng.uniform(-1.0, 1.0, (count, 6)), Row(q, {"yaw": 0, "pitch": 1, "roll": 2})
 
 
-def test_derivatives(law):
-    loads, rows = asked(law, 3)
-    for i, load in enumerate(loads):
-        row, size = rows.some(i), np.abs(loads).max(axis=0)
-        slope = central_difference(lambda z: law.twist(z * size, row), load / size, 1e-4)  # noqa: B023
-        np.testing.assert_allclose(law.tangent(load, row) * size, slope, rtol=1e-5, atol=1e-5 * np.abs(slope).max())
-        assert law.by_values(load, row).shape == (6, len(law.values))
-        for place, (value, parameter) in enumerate(zip(law.values, law.parameters, strict=True)):
-            step = np.zeros(len(law.values))
-            step[place] = 1e-4 * max(abs(value), parameter.prior, 1e-12)
-            ends = [law.at(law.values + side * step).twist(load, row) for side in (1.0, -1.0)]
-            found, change = 2.0 * step[place] * law.by_values(load, row)[:, place], ends[0] - ends[1]
-            rounding = 1e-4 * np.abs(change).max() + 1e-14 * np.abs(ends).max()
-            np.testing.assert_allclose(found, change, rtol=1e-4, atol=rounding)
-
-
-def test_values_are_what_they_are_set_to(law):
-    names = [parameter.name for parameter in law.parameters]
-    assert len(names) == len(set(names)) == len(law.values) and not any(" " in name for name in names)
-    moved = law.values + 0.01 * np.abs(law.values) * np.random.default_rng(0).uniform(size=len(law.values))
-    np.testing.assert_allclose(law.at(moved).values, moved, rtol=1e-12)
-
-
-def test_rows_at_once_are_rows_one_by_one(law):
-    loads, rows = asked(law)
-    for ask in (law.twist, law.tangent, law.by_values, law.covariance):
-        each = np.array([ask(load, rows.some(i)) for i, load in enumerate(loads)])
-        np.testing.assert_allclose(ask(loads, rows), each, rtol=1e-9, atol=1e-12 * np.abs(each).max(initial=0.0))
+def test_its_answers_belong_together(law):
+    check_answers(law, *asked(law, 40))
 
 
 def test_draws_spread_as_the_covariance_says(law):
@@ -153,32 +127,6 @@ def test_draws_spread_as_the_covariance_says(law):
     rounding = 1e-3 * expected.max() + 1e-12 * np.abs(drawn).max()
     np.testing.assert_allclose(drawn.std(axis=0), expected, rtol=4.0 / np.sqrt(1200) + 0.05, atol=rounding)
     assert not law.draw(rng).uncertain or "hidden" in vars(law)
-
-
-def test_no_tangent_is_steeper_than_the_bound(law):
-    loads, rows = asked(law, 40)
-    bound = law.compliance_bound({name: (-1.5, 1.5) for name in rows.joint_index})
-    if bound is not None:
-        blocks = law.tangent(loads, rows).reshape(-1, 2, 3, 2, 3).swapaxes(2, 3)
-        assert (np.linalg.norm(blocks, ord=2, axis=(-2, -1)) <= bound * (1.0 + 1e-9)).all()
-
-
-def test_an_affine_form_is_the_law(law):
-    loads, rows = asked(law)
-    for known in (law.affine(rows), None if law.constant is None else (0.0, law.constant)):
-        if known is not None:
-            expected = known[0] + (known[1] @ loads[..., None])[..., 0]
-            np.testing.assert_allclose(law.twist(loads, rows), expected, rtol=1e-9, atol=1e-15)
-
-
-def test_terms_are_the_law(law):
-    if law.known_terms is not None:
-        loads, rows = asked(law)
-        for found, expected in (
-            (twist_of(law.known_terms, loads, rows), law.twist(loads, rows)),
-            (tangent_of(law.known_terms, loads, rows), law.tangent(loads, rows)),
-        ):
-            np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
 
 
 def test_scaled_is_what_it_says(law):
