@@ -32,7 +32,6 @@ from armflex.laws.joint.network import NetworkLaw, unpack
 from armflex.parallel import in_order
 
 PRIORS = ("evidence",)
-ITERATIONS, PLAIN_ITERATIONS = 160, 200
 
 
 STEPS = 20
@@ -69,12 +68,12 @@ def fit_network(
     if prior is not None and prior not in PRIORS:
         raise InputError(f"prior {prior!r} is not known{did_you_mean(prior, PRIORS)} (known: evidence, None)")
     if prior:
-        best = find_modes(problem, starts, seed, iterations or ITERATIONS, damping or RELATIVE)[0]
+        best = find_modes(problem, starts, seed, iterations or 160, damping or RELATIVE)[0]
         law = network_law(best.weights, best.noise, scaling, loads, best.covariance)
         precisions = dict(zip(GROUPS, best.precisions.tolist(), strict=True))
         evidence = {"effective": best.effective, "log_evidence": best.log_evidence}
     else:
-        objective, most = sum_of_squares(problem), iterations or PLAIN_ITERATIONS
+        objective, most = sum_of_squares(problem), iterations or 200
         begun = start_weights(problem, starts, seed)
         minima = (minimise(objective, start, most, 1e-9, damping or PAPER) for start in begun)
         weights = min(minima, key=lambda minimum: minimum.cost).weights
@@ -129,7 +128,7 @@ class Mode:
 
 
 def find_modes(
-    problem: NetworkProblem, starts: int = 10, seed: int = 0, iterations: int = ITERATIONS, damping: Damping = RELATIVE
+    problem: NetworkProblem, starts: int = 10, seed: int = 0, iterations: int = 160, damping: Damping = RELATIVE
 ) -> tuple[Mode, ...]:
     """Return the posterior's maxima reached from random starts, that of the highest evidence first."""
     begun = start_weights(problem, starts, seed)

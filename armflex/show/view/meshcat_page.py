@@ -20,7 +20,6 @@ from armflex.show.view.scene_3d import Scene, Shape, Viewpoint, frame_camera, sc
 Json = dict[str, Any]
 
 _CAMERA = "/Cameras/default/rotated/<object>"
-_BACKGROUND_TOP, _BACKGROUND_BOTTOM = (0.97, 0.98, 0.99), (0.84, 0.87, 0.90)
 _TUBE_SIDES, _BALL_SIDES, _CAPSULE_SIDES = 12, 12, 24
 """A page of many via-points is drawn by a processor alone, too: what is small has few sides."""
 _FRAMES_A_SECOND = 30.0
@@ -149,8 +148,8 @@ def _lathe_faces(rings: int, sides: int) -> np.ndarray:
 
 def commands(scene: Scene, camera: Viewpoint) -> Iterator[Json]:
     """Yield the commands to the viewer, in order; arrays of numbers are `_packed`."""
-    yield _property("/Background", "top_color", _BACKGROUND_TOP)
-    yield _property("/Background", "bottom_color", _BACKGROUND_BOTTOM)
+    yield _property("/Background", "top_color", (0.97, 0.98, 0.99))
+    yield _property("/Background", "bottom_color", (0.84, 0.87, 0.90))
     yield _property("/Axes", "visible", False)
     if scene.floor_z is None:
         yield _property("/Grid", "visible", False)
