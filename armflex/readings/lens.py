@@ -42,7 +42,7 @@ def distorted(flat: Array, lens: Array) -> tuple[Array, Array]:
     return bent, np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def by_lens(points: Array, pixels: Array, focal: Array, centre: Array, lens: Array) -> Array:
+def by_lens(points: Array, pixels: Array, focal: Array, centre: Array) -> Array:
     """Return (N, C, 2, 9) the change of (N, C, 2) pictures [px] with focal lengths, centre and distortion."""
     x, y = np.moveaxis(points[..., :2] / points[..., 2:], -1, 0)
     r2 = x * x + y * y

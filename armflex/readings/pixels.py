@@ -138,7 +138,7 @@ class Pixels(Kind):
 
     def others(self, at: Postures) -> Mapping[str, Array]:
         board, eye, _, in_camera, pixels, change = self._seen(at)
-        lens = by_lens(in_camera, pixels, *(at.of(self.name, nuisance.name) for nuisance in LENS))
+        lens = by_lens(in_camera, pixels, *(at.of(self.name, nuisance.name) for nuisance in LENS[:2]))
         points = self._camera(at).board.points @ (eye.axes.swapaxes(1, 2) @ board.axes).swapaxes(1, 2)
         parts = np.split(lens, [2, 4], axis=3), [change @ points[..., None]]
         each = zip((*LENS, SIZE), (*parts[0], *parts[1]), strict=True)

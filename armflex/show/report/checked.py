@@ -103,7 +103,7 @@ def account(checked: CheckedPath) -> SimpleNamespace:
         ),
         cards=cards,
         picture=_picture(checked, points),
-        bars=_bars(checked, points),
+        bars=_bars(points),
         head=[*head, "verdict", "cause", "first frequency Hz", "settles in s", "peak mm"],
         points=rows,
         worst=(_row(worst, by_row, None, None)[: len(head) + 2],),
@@ -220,7 +220,7 @@ def _lines(deflection: Deflection, factor: float) -> Iterator[tuple[Array, float
         yield np.array([at(tie.link, tie.at), at(tie.to, tie.at_to)]), 4.0
 
 
-def _bars(checked: CheckedPath, points: tuple[Point, ...]) -> str:
+def _bars(points: tuple[Point, ...]) -> str:
     """Return the displacement of every via-point beside the tolerance, in the order of the path."""
     shown = sorted(points[:MOST], key=lambda point: point.time)
     figure, (axes,) = canvas(10.0, 2.8)
