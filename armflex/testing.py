@@ -123,9 +123,9 @@ def check_answers(law: Law, loads: Array, rows: Row) -> None:
         _close(law.at(values).values, values, 1e-12, "values of `at`, and those that it was given,")
     _check_law_derivatives(law, loads, rows)
     for ask in (law.twist, law.tangent, law.by_values, law.covariance):
-        each = [ask(load, rows.some(i)) for i, load in enumerate(loads)]
-        if each[0] is not None:
-            _close(ask(loads, rows), np.array(each), 1e-9, f"{ask.__name__} of many rows beside one by one")
+        many, each = ask(loads, rows), [ask(load, rows.some(i)) for i, load in enumerate(loads)]
+        if many is not None:
+            _close(many, np.array(each), 1e-9, f"{ask.__name__} of many rows beside one by one")
     if law.known_terms is not None:
         _close(twist_of(law.known_terms, loads, rows), law.twist(loads, rows), 1e-9, "twist of the terms")
         _close(tangent_of(law.known_terms, loads, rows), law.tangent(loads, rows), 1e-9, "tangent of the terms")
