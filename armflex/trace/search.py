@@ -162,9 +162,16 @@ def beginning(state: State) -> Standing:
 
 
 def with_families(state: State) -> State:
-    """Return the state with the families that it needs, itself where the arm does not come to rest with them."""
-    with suppress(ArmflexError):
-        return resized(state)
+    """Return the state with the families that it needs, itself where the arm does not come to rest with them.
+
+    A linear problem is wrong where much is missing: families are sought again where others came in.
+    """
+    for _ in range(MOST_TRIED):
+        before = state
+        with suppress(ArmflexError):
+            state = resized(before)
+        if state.background.names == before.background.names:
+            break
     return state
 
 

@@ -75,6 +75,7 @@ KNOWN |= {f"approach_J{i}": 1.0 for i in range(1, 7)}
 INNER = {
     "k": 5.0,
     "tau0": 300.0,
+    "largest": 900.0,
     "t0": 20.0,
     "radius": 100.0,
     "at": 10.0,
