@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.errors import InputError
+from armflex.errors import FEW, InputError, listing
 from armflex.intake.sources import Cells, Source, numbers
 
 DENSE = 0.25
@@ -32,6 +32,10 @@ WRAPS = 0.3
 
 NEAR = 0.25
 """Tolerance: by which part of the time between two rows a point may be off the time after its row that is usual."""
+
+PUNCTUAL, ENOUGH = 0.1, 6
+"""Tolerance: part of the scatter with the clocks as they are below which that at another difference of them is no
+chance, of so many points."""
 
 TRIED = 40
 """Differences of two clocks that are tried, those between most pairs of a row and a point."""
@@ -404,9 +408,10 @@ def offset(time: Array, values: Array, other: Array, place: Array) -> float:
         doubt = seen * left - DISTINCT * as_written
         best, (first, second) = int(rivals[doubt.argmin()]), np.sort(doubt)[:2]
         if second - first < 2.0 * DISTINCT:
-            raise InputError(
-                "joints and target move alike at several differences of their clocks: record uneven pauses"
-            )
+            start = grids[1][0][0] - grids[0][0][0]
+            alike = listing(f"{start + lags[i] * STEP:+.2f} s" for i in np.argsort(doubt)[:FEW])
+            text = f"joints and target move alike at several differences of their clocks, {alike}: record uneven"
+            raise InputError(f"{text} pauses, or put the times of one file right by that which is true")
     before, at, after = (float(match[min(max(best + i, 0), len(match) - 1)]) for i in (-1, 0, 1))
     bend = before - 2.0 * at + after
     fine = 0.5 * (before - after) / bend if bend < 0.0 else 0.0
@@ -463,7 +468,8 @@ def nearest(rows: Array, points: Array) -> tuple[np.ndarray, float]:
     """Return (M,) which row each point is of, -1 for none, and the difference of their clocks [s] that was found.
 
     A point belongs to the row that is nearest to it, as far from it as the points usually are. Clocks are as they are
-    where points are then near their rows; else at the difference at which most rows have a point, equally far.
+    where points are then near their rows; else, and where points are then scattered `1 / PUNCTUAL` times less, at the
+    difference at which most rows have a point, equally far.
 
     Args:
         rows: (N,) times [s] of rows that are no recording, in any order.
@@ -486,15 +492,16 @@ def nearest(rows: Array, points: Array) -> tuple[np.ndarray, float]:
         return np.where(within, order[near], -1), usual, len(set(near[within].tolist())), spread
 
     most = min(len(rows), len(points))
-    assigned, usual, count, _ = placed(0.0)
-    if abs(usual) <= room and count > 0.9 * most:
-        return assigned, 0.0
+    assigned, usual, count, scatter = placed(0.0)
+    near = abs(usual) <= room and count > 0.9 * most
     apart = (points[:, None] - ordered).ravel()
     tried = list[float]()
     for start in (0.0, 0.5):
         _, bins, counts = np.unique(np.floor(apart / room + start), return_inverse=True, return_counts=True)
         tried += [float(np.median(apart[bins == i])) for i in np.argsort(counts)[::-1][:TRIED]]
     best, *others = sorted(((-count, spread, shift) for shift in tried for _, _, count, spread in (placed(shift),)))
+    if near and (most < ENOUGH or -best[0] < count or best[1] >= PUNCTUAL * scatter):
+        return assigned, 0.0
     if -best[0] <= 0.9 * most:
         return (assigned, 0.0) if abs(usual) <= room else (np.full(len(points), -1), 0.0)
     rival = next((shift for count, spread, shift in others

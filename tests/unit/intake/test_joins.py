@@ -556,3 +556,120 @@ def test_the_form_of_a_dh_table_is_what_it_says(tmp_path: Path) -> None:
         assert "J2 = { theta_deg = -90.0, d_mm = 0.0, a_mm = 550.0, alpha_deg = 0.0 }" in arm
         with pytest.raises(InputError, match="--dh standard, and the table is modified DH"):
             intake([path, rows], None, dh="standard")
+
+
+def both(joints: np.ndarray, first: str, second: str, off: float, unit: str = "") -> str:
+    """Return a log of (N, 3) joints, each beside itself and `off` [rad]."""
+    factor = np.degrees(1.0) if "deg" in unit else 1.0
+    head = ["Pose", *(form.format(i) + unit for i in (1, 2, 3) for form in (first, second))]
+    rows = [",".join([f"P{n}", *(f"{factor * value:.6f}" for q in row for value in (q + off, q))])
+            for n, row in enumerate(joints, 1)]  # fmt: skip
+    return "\n".join([",".join(head), *rows])
+
+
+MOVED = np.random.default_rng(5).uniform(-1.5, 1.5, (8, 3))
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "unit", "name"),
+    [
+        ("q_cmd_{}", "q_act_{}", "", "q_1"),
+        ("q_des_{}", "q_meas_{}", "_deg", "q_1"),
+        ("q_d_{}", "q_{}", "", "q_1"),
+        ("q_desired{}", "q_measured{}", " [deg]", "q_1"),
+        ("q_ref_{}", "q_{}", " [rad]", "q_1"),
+        ("q_J{}_cmd", "q_J{}", "", "q_J1"),
+        ("target_q_{}", "actual_q_{}", " [deg]", "q_q_1"),  # counted from 1, so none of Universal Robots
+    ],
+)
+def test_what_was_commanded_is_no_joint_beside_what_was_reached(
+    tmp_path: Path, first: str, second: str, unit: str, name: str
+) -> None:
+    (tmp_path / "log.csv").write_text(both(MOVED, first, second, 0.01, unit))
+    points = export(tmp_path / "export.csv", [f"P{i}" for i in range(1, 9)], range(1, 9))
+    found = intake([tmp_path / "log.csv", points], 5e-5).columns
+    joints = [column for column in found if column.startswith("q_")]
+    assert len(joints) == 3 and joints[0] == name
+    assert np.allclose(np.array([found[column] for column in joints]).T, MOVED, atol=1e-6)
+
+
+@pytest.mark.parametrize(("first", "second"), [("q_motor_{}", "q_link_{}"), ("q_in_{}", "q_out_{}")])
+def test_joints_that_stand_there_twice_are_asked_about(tmp_path: Path, first: str, second: str) -> None:
+    (tmp_path / "log.csv").write_text(both(MOVED, first, second, 0.01))
+    points = export(tmp_path / "export.csv", [f"P{i}" for i in range(1, 9)], range(1, 9))
+    with pytest.raises(InputError, match=r"nearly the same in every row, and 2 more pairs are: .* --take 'q_\w+_1=unu"):
+        intake([tmp_path / "log.csv", points], 5e-5)
+    left = {first.format(i): "unused" for i in (1, 2, 3)}
+    assert second.format(1) in intake([tmp_path / "log.csv", points], 5e-5, left).columns
+    kept = {second.format(i): f"{second.format(i)}_rad" for i in (1, 2, 3)}
+    assert sum(name.startswith("q_") for name in intake([tmp_path / "log.csv", points], 5e-5, kept).columns) == 6
+    (tmp_path / "log.csv").write_text(both(MOVED[:, :1] + np.zeros(3), first, first + "b", 2.0))  # all move as one
+    assert sum(name.startswith("q_") for name in intake([tmp_path / "log.csv", points], 5e-5).columns) == 6
+
+
+@pytest.mark.parametrize("header", ["Target", "Label", "No.", "Station", "Bezeichnung", "Cible", "Messung", "#"])
+@pytest.mark.parametrize("form", ["P{}", "{}"])
+@pytest.mark.parametrize("where", ["log", "export", "both"])
+def test_names_in_a_column_of_any_name_are_those_of_rows(tmp_path: Path, header: str, form: str, where: str) -> None:
+    """They were left out, and the files joined row by row."""
+    names = [form.format(i) for i in MIXED]
+    if where == "export":
+        rows = log(tmp_path / "log.csv", [f"P{i}" for i in range(1, COUNT + 1)])
+        expected = 1e-3 * np.arange(1, COUNT + 1)
+    else:
+        rows = log(tmp_path / "log.csv", names, header)
+        expected = 1e-3 * np.array(MIXED)
+    order = MIXED if where == "export" else range(COUNT, 0, -1)
+    points = export(tmp_path / "export.csv", [form.format(i) if where != "log" else f"P{i}" for i in order], order)
+    points.write_text(points.read_text().replace("Name", "Name" if where == "log" else header))
+    assert intake([rows, points], 5e-5).columns["x"] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("form", ["{}", "P{}"])
+def test_a_count_of_rows_in_an_order_of_its_own_is_asked_about(tmp_path: Path, form: str) -> None:
+    rows = log(tmp_path / "log.csv", [form.format(i) for i in MIXED], "Run")
+    points = tmp_path / "export.csv"
+    points.write_text("X [mm],Y [mm],Z [mm]\n" + "".join(f"{i},0,5\n" for i in MIXED))
+    with pytest.raises(TableError, match=r"has no names, and .*'Run=unused' joins them row by row"):
+        intake([rows, points], 5e-5)
+    assert intake([rows, points], 5e-5, {"Run": "unused"}).columns["x"] == pytest.approx(1e-3 * np.array(MIXED))
+    warm = log(tmp_path / "log.csv", [str(i) for i in MIXED], "temperature")  # no count
+    assert intake([warm, points], 5e-5).columns["temperature"] == list(map(float, MIXED))
+
+
+def test_clocks_at_which_points_are_equally_late_count_before_those_as_they_are(tmp_path: Path) -> None:
+    """The first pose was not measured, and the tracker's clock began with the second; a hand is not that punctual."""
+    at = np.cumsum(20.0 + np.random.default_rng(3).uniform(0.0, 9.0, COUNT))
+    rows = "".join(f"{time:.2f},{i},-90\n" for i, time in enumerate(at, 1))
+    (tmp_path / "log.csv").write_text(f"time,J1 [deg],J2 [deg]\n{rows}")
+    points = tmp_path / "export.csv"
+    points.write_text(
+        "time,X [mm],Y [mm],Z [mm]\n" + "".join(f"{at[i] - at[1]:.2f},{i + 1},0,5\n" for i in range(1, 12))
+    )
+    found = intake([tmp_path / "log.csv", points], 5e-5)
+    assert [*found.columns["x"]] == ["", *(pytest.approx(1e-3 * i) for i in range(2, 13))]
+    assert f"the clocks are {-at[1]:+.2f} s apart" in " ".join(found.notes)
+    late = np.random.default_rng(4).uniform(0.0, 4.0, COUNT)
+    points.write_text(
+        "time,X [mm],Y [mm],Z [mm]\n" + "".join(f"{at[i] + late[i]:.2f},{i + 1},0,5\n" for i in range(1, 12))
+    )
+    assert [*intake([tmp_path / "log.csv", points], 5e-5).columns["x"]] == [*found.columns["x"]]
+
+
+@pytest.mark.parametrize("word", ["Nominal", "Soll", "Reference"])
+def test_places_that_were_to_be_are_none_that_were_measured(tmp_path: Path, word: str) -> None:
+    rows = log(tmp_path / "log.csv", [f"P{i}" for i in range(1, 5)])
+    points = export(tmp_path / "export.csv", [f"P{i}" for i in range(1, 5)], range(1, 5), ",Type",
+                    [",Measured", f",{word}", ",Measured", ",Measured"])  # fmt: skip
+    with pytest.raises(InputError, match=rf"export\.csv:3: 'Type' is '{word}' in 1 of 4 rows: export measured"):
+        intake([rows, points], 5e-5)
+    assert len(intake([rows, points], 5e-5, {"Type": "unused"}).columns["x"]) == 4
+
+
+@pytest.mark.parametrize("column", ["Station", "WCS"])
+def test_one_reading_from_another_station_is_asked_about(tmp_path: Path, column: str) -> None:
+    rows = log(tmp_path / "log.csv", [f"P{i}" for i in range(1, 5)])
+    points = export(tmp_path / "export.csv", [f"P{i}" for i in range(1, 5)], range(1, 5), f",{column}",
+                    [",A", ",A", ",A", ",B"])  # fmt: skip
+    with pytest.raises(InputError, match=f"'{column}' says that places are .*--take '{column}=session'"):
+        intake([rows, points], 5e-5)
