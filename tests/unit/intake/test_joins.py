@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from armflex import load_arm
 from armflex.errors import InputError, TableError
 from armflex.intake import intake
 from armflex.intake.names import paired_names
@@ -414,7 +415,7 @@ ROWS = ("1,0,500,100,-90", "2,-90,0,550,0")
             "i,θ(i) [gon],d(i) [in],a(i) [in],α(i) [gon]",
             (f"1,0,{500 / 25.4!r},{100 / 25.4!r},-100", f"2,-100,0,{550 / 25.4!r},0"),
         ),
-        (f"{DH},mass,Remarks", ("1,0,500,100,-90,3,base", "2,-90,0,550,0,4,arm")),
+        (f"{DH},Speed,Remarks", ("1,0,500,100,-90,3,base", "2,-90,0,550,0,4,arm")),
     ],
 )
 def test_dh_tables_with_symbols_and_offsets(tmp_path: Path, header: str, rows: tuple[str, ...]) -> None:
@@ -436,6 +437,17 @@ def test_what_else_a_dh_table_says_is_read_or_refused(tmp_path: Path) -> None:
         ("type", ("P", "R"), "joint 'J1' slides"),
         ("type", ("?", "R"), r"dh.csv:2: 'type' is '\?'"),
         ("skew [deg]", ("0", "1"), "'skew .*--take 'skew"),
+        (
+            "mass",
+            ("12", "8"),
+            "'mass' is of what links weigh, and in which frame .*--take 'mass=unused', and write mass",
+        ),
+        ("CoM x", ("12", "8"), "'CoM x' is of what links weigh"),
+        ("range", ("170", "±90°"), r"dh.csv:2: 'range' is '170', expected a joint's limits"),
+        ("range", ("±2", "±1.5"), "'range' has an open unit: write it as 'range .deg.', or --take 'range=unused'"),
+        ("min [deg]", ("-170", "-90"), r"dh.csv:2: its limits are -170 and nan, expected a lower and an upper one"),
+        ("range [mm]", ("±170", "±90"), "'range .mm.' is in 'mm', and some of the joints turn"),
+        ("theta range", ("±170°", "±90°"), "'theta range' is of theta, which has a constant beside the joint's posit"),
     ):
         path.write_text("\n".join([f"{DH},{header}", *(",".join(pair) for pair in zip(ROWS, cells, strict=True))]))
         with pytest.raises(InputError, match=text):
@@ -461,6 +473,36 @@ def test_what_else_a_dh_table_says_is_read_or_refused(tmp_path: Path) -> None:
     assert found is not None
     assert '"arm/j2" = { theta_deg = -90.0, ' in found
     assert 'beta_deg = 0.5, kind = "prismatic" }' in found
+
+
+@pytest.mark.parametrize(
+    ("head", "first", "second"),
+    [
+        ("min [deg],max [deg]", "-170,170", "-90.5,45"),
+        ("qmin,qmax", "-170,170", "-90.5,45"),
+        ("lower_limit [rad],upper_limit [rad]", "-2.96705972839,2.96705972839", "-1.57952297305,0.785398163397"),
+        ("lower,upper", "-17*pi/18,17*pi/18", "-90.5°,pi/4"),
+        ("qlim [deg]", "[-170 170]", "-90.5 to 45"),
+        ("Range", "±170°", "-90.5° .. 45°"),
+    ],
+)  # fmt: skip
+def test_limits_of_a_dh_table_are_those_of_the_arm(tmp_path: Path, head: str, first: str, second: str) -> None:
+    path, rows = tmp_path / "dh.csv", log(tmp_path / "log.csv", ["P1", "P2", "P3"])
+    path.write_text(f"{DH},{head}\n{ROWS[0]},{first}\n{ROWS[1]},{second}\n")
+    (tmp_path / "arm.toml").write_text(str(intake([path, rows], None, dh="standard").arm))
+    robot = load_arm(tmp_path / "arm.toml").robot
+    assert np.allclose(np.degrees(robot.lower), [-170.0, -90.5])
+    assert np.allclose(np.degrees(robot.upper), [170.0, 45.0])
+
+
+def test_limits_of_a_slide_are_in_the_unit_of_its_d(tmp_path: Path) -> None:
+    (tmp_path / "dh.csv").write_text(f"{DH},type,min,max\n1,0,0,100,-90,P,-50,400\n{ROWS[1]},R,,\n")
+    (tmp_path / "log.csv").write_text("pose,J1 [mm],J2 [deg]\n" + "".join(f"P{i},{i},{i}\n" for i in range(3)))
+    (tmp_path / "arm.toml").write_text(
+        str(intake([tmp_path / "dh.csv", tmp_path / "log.csv"], None, dh="standard").arm)
+    )
+    robot = load_arm(tmp_path / "arm.toml").robot
+    assert np.allclose((robot.lower, robot.upper), ([-0.05, -np.inf], [0.4, np.inf]))
 
 
 @pytest.mark.parametrize("empty", ["", "nan"])
