@@ -26,7 +26,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.errors import FEW, ArmflexError, Place, TableError, UnsupportedError, listing
 from armflex.intake.sources import SourceTable, recorded
-from armflex.intake.streams import DENSE, aligned, contradiction, spread
+from armflex.intake.streams import DENSE, aligned, spread, two_sources
 
 BAGS = (".bag", ".active", ".db3", ".mcap")
 JOINTS = "JointState"
@@ -149,9 +149,10 @@ def _of_joints(
             time, values = spread(rows[:, column]), rows[:, 2]
             order = np.argsort(time, kind="stable")
             time, values = time[order], values[order]
-            if (at := contradiction(time, values)) is not None:
-                text = f"{topic} has joint {name} at {values[at - 1]:.4g} and, {1e3 * (time[at] - time[at - 1]):.0f} ms"
-                text += f" later, at {values[at]:.4g}, and back, from {time[at] - time[0]:.3f} s on"
+            if (pair := two_sources(time, values[:, None], "rad")) is not None:
+                at, after = pair
+                text = f"{topic} has joint {name} at {values[at]:.4g} and, {1e3 * (time[after] - time[at]):.0f} ms"
+                text += f" later, at {values[after]:.4g}, and back, from {time[after] - time[0]:.3f} s on"
                 doubts[f"position.{name}"] = f"{text}: two programs publish it, record one of them"
             series[f"position.{name}"] = time, values
         time, columns = aligned(series)

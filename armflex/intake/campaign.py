@@ -247,15 +247,19 @@ def _taken(records: Sequence[Record]) -> tuple[tuple[str, str, str, str, str], .
 
 def _check_moves(export: Record, places: Array, joints: Array) -> None:
     """Raise where (N, 3) places [m] hardly move though most of the joints, (N, n), turn: they are in another unit."""
-    read, asked = np.isfinite(places).all(axis=1), any(one.why == "as asked" for one, _ in export.of("coordinate"))
+    read, asked = np.isfinite(places).all(axis=1), any(axis.why == "as asked" for axis, _ in export.of("coordinate"))
     if asked or np.count_nonzero(read) < 2 * FEW:
         return
     moves, turning = float(np.ptp(places[read], axis=0).max()), np.ptp(joints[read], axis=0) > MUCH
     if 0.0 < moves < HARDLY and np.count_nonzero(turning) >= max(FEW, joints.shape[1] / 2):
-        one, _ = next(export.of("coordinate"))
-        text = f"{one.column!r} and the others in {one.unit} move over {in_mm(moves)} while {np.count_nonzero(turning)}"
-        text += f" joints turn by more than {MUCH:g} rad: are they in m? --take '{one.column}={one.name}_m' and so on,"
-        raise TableError(Place(export.path), f"{text} or ={one.name}_{one.unit} if not")
+        axis, _ = next(export.of("coordinate"))
+        text = (
+            f"{axis.column!r} and the others in {axis.unit} move over {in_mm(moves)} while {np.count_nonzero(turning)}"
+        )
+        text += (
+            f" joints turn by more than {MUCH:g} rad: are they in m? --take '{axis.column}={axis.name}_m' and so on,"
+        )
+        raise TableError(Place(export.path), f"{text} or ={axis.name}_{axis.unit} if not")
 
 
 def _unheld(export: Record, row_of: Mapping[str, np.ndarray], joints: Array) -> tuple[Record, Sequence[str]]:

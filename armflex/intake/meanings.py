@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from armflex.conventions import NUMBER, UNITS
-from armflex.intake.lost import lost
 from armflex.intake.sources import Cells, SourceTable, numbers
+from armflex.measured.lost_places import lost
+from armflex.measured.orientation_names import QUATERNIONS, ROUNDED, by_stem, ends
 from armflex.measured.points import LENGTHS
 
 Ask = Callable[[str, Sequence[str]], str]
@@ -181,19 +182,11 @@ BY_SIZE = "its size"
 DAY = re.compile(r"\d{1,4}[./-]\d{1,2}[./-]\d{1,4}$")
 KEPT = ("payload", "session")
 PICTURE = r"(?:picture|image|photo|foto|bild)(?:[ _]?(?:file|name|path))?"
-TURN_OF = re.compile(r"(?P<stem>.*?)[ _.\-/]*(?P<axis>[wxyz0-4])")
-"""What may be a part of a quaternion: all four of a stem, of which the squares add up to 1."""
-
-QUATERNIONS = {"wxyz": "wxyz", "0xyz": "wxyz", "0123": "wxyz"}
-"""Axes of columns that are w x y z; that of 1234 is not said."""
 INTENDED = r"nom(?:inal|iell)?|soll\w*|theo(?:r\w*)?|cad|expected|desired|cmd|command(?:ed)?|ref(?:erence)?"
 """What stands beside the name of what was to be, and is not measured."""
 OF_INTENDED = re.compile(rf"(?:.*[\W_])?(?:{INTENDED})(?:[\W_].*)?")
 PARAMETERS = re.compile(r"[qe][ _.]?")
 """Before 0123 where they are w x y z: those of another name are places in a list."""
-
-ROUNDED = 0.02
-"""Tolerance: how far the length of a quaternion is from 1 where it is written with two digits, or a mean."""
 
 VECTOR, ANGLES = ("rx", "ry", "rz"), ("roll", "pitch", "yaw")
 """A rotation vector, which a header alone does not say; and angles about the fixed axes x, then y, then z."""
@@ -551,33 +544,30 @@ def _plain(header: str) -> str:
 
 def _turned(source: SourceTable, meant: Sequence[Meaning]) -> list[Meaning]:
     """Return what columns are where some of them are quaternions: beside x y z, and of length 1."""
-    groups: dict[str, dict[str, int]] = {}
-    for i, meaning in enumerate(meant):
-        match = TURN_OF.fullmatch(re.sub(r"\s*[\[(][^\])]*[\])]$", "", meaning.column.strip().lower()))
-        if match and meaning.kind in ("covariate", "joint"):
-            groups.setdefault(match["stem"], {})[match["axis"]] = i
+    index = {meaning.column: i for i, meaning in enumerate(meant) if meaning.kind in ("covariate", "joint")}
+    groups = by_stem(index)
     settled, places = (
         list(meant),
         [source.columns[i] for i, meaning in enumerate(meant) if meaning.kind == "coordinate"],
     )
     gone = lost(np.column_stack([numbers(cells) for cells in places]))
     for stem, group in groups.items() if not any(meaning.kind == "turn" for meaning in meant) else ():
-        axes = "".join(sorted(group, key="w01234xyz".index))
+        axes = ends(group)
         if axes not in (*QUATERNIONS, "1234") or OF_INTENDED.fullmatch(stem):
             continue
         names = QUATERNIONS.get(axes, "    ") if axes != "0123" or PARAMETERS.fullmatch(stem) else "    "
-        sizes = np.sqrt(sum(numbers(source.columns[i]) ** 2 for i in group.values()))
+        sizes = np.sqrt(sum(numbers(source.columns[index[name]]) ** 2 for name in group.values()))
         given = np.isfinite(sizes) & (sizes > 0.1) & ~gone  # noughts where nothing was set
         if not given.any() or (np.abs(sizes[given] - 1.0) > ROUNDED).any():
             continue
         why = "four columns of length 1"
         for number, (axis, name) in enumerate(zip(axes, names, strict=True)):
-            part_meant = settled[group[axis]]
+            at = index[group[axis]]
             if name != " ":
-                settled[group[axis]] = replace(part_meant, kind="turn", name=f"q{name}", unit="", why=why)
+                settled[at] = replace(settled[at], kind="turn", name=f"q{name}", unit="", why=why)
             else:
-                open_ = f"a quaternion, w first or last: --take '{part_meant.column}=q{'wxyz'[number]}'"
-                settled[group[axis]] = replace(part_meant, kind="unused", name="turn", unit="", why=open_)
+                open_ = f"a quaternion, w first or last: --take '{group[axis]}=q{'wxyz'[number]}'"
+                settled[at] = replace(settled[at], kind="unused", name="turn", unit="", why=open_)
     return settled
 
 

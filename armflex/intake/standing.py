@@ -132,10 +132,10 @@ def _recording(record: Record, written: Record) -> Recording | None:
     record = _continuous(record, even) if unit == "rad" else record
     places, _ = record.moved
     if (pair := streams.two_sources(even, places, unit)) is not None:
-        apart = float(np.linalg.norm(places[pair[1]] - places[pair[0]]))
+        apart = float(np.linalg.norm(np.nan_to_num(places[pair[1]] - places[pair[0]])))
         here, there = (f"{listing(f'{value:.6g}' for value in places[at])}" for at in pair)
         text = f"{record.part} is at {here} {unit} at {even[pair[0]]:.3f} s here and {there} at {even[pair[1]]:.3f} s,"
-        text += f" {in_mm(apart) if unit == 'm' else f'{apart:.4g} {unit}'} apart, to and fro while the arm stands:"
+        text += f" {in_mm(apart) if unit == 'm' else f'{apart:.4g} {unit}'} apart, to and fro:"
         text += " two programs or instruments wrote it, keep one of them"
         raise TableError(Place(record.path, record.lines[pair[0]]), text.strip())
     return Recording(record, even, written, notes)
@@ -173,10 +173,6 @@ def _continuous(record: Record, time: Array) -> Record:
     joints = [(i, meaning) for i, meaning in enumerate(record.meant) if meaning.kind == "joint"]
     for (i, meaning), column in zip(joints, np.where(gone[:, None], np.nan, values)[order].T, strict=True):
         rows, turning = order[read := np.isfinite(column)], meaning.unit in ANGLE_UNITS
-        if not record.part and (at := streams.contradiction(time[rows], column[read])) is not None:
-            text = f"{meaning.column!r} is at {column[read][at]:.4g} [{'rad' if turning else 'm'}] here and elsewhere"
-            place = Place(record.path, record.lines[rows[at]])
-            raise TableError(place, f"{text} just before and after, again and again: two programs wrote it")
         there = streams.unwrapped(column[read]) if turning else column[read]
         if gone.any() or (there != column[read]).any():
             cells = np.full(len(time), np.nan)

@@ -147,32 +147,12 @@ def between(time: Array, stamps: Array, values: Array) -> Array:
     return there
 
 
-def contradiction(time: Array, values: Array) -> int | None:
-    """Return the first of (N,) samples that another source than that of the samples around it must have written.
-
-    Such samples jump away and back: each time between two neighbours that agree, or faster than any joint turns.
-
-    Args:
-        time: (N,) [s], ascending.
-        values: (N,) positions of one joint [rad or m].
-    """
-    step, gap = np.diff(unwrapped(values)), np.diff(time)
-    back = (step[1:] * step[:-1] < 0.0) & (np.abs(step[1:] + step[:-1]) < 0.2 * np.abs(step[:-1]))
-    back &= (np.abs(step[:-1]) > APART) & (gap[1:] + gap[:-1] < DENSE)
-    jumps = np.flatnonzero((np.abs(step) > APART) & (np.abs(step) > FASTEST * np.maximum(gap, 1e-3)))
-    there, again = step[jumps[:-1]], step[jumps[1:]]
-    returns = (there * again < 0.0) & (np.abs(there + again) < 0.3 * np.abs(there))
-    if np.count_nonzero(back) >= TIMES:
-        return int(back.argmax()) + 1
-    return int(jumps[:-1][returns][0]) + 1 if np.count_nonzero(returns) >= TIMES else None
-
-
 def two_sources(time: Array, values: Array, unit: str) -> tuple[int, int] | None:
     """Return two of (N, d) samples in `unit` that two sources must have written; None where one wrote all.
 
-    In most spans of time in which nothing else moves values change to and fro between two, or among up to
-    `MOST_SOURCES`, that are further apart than `DISPUTED` times the scatter about them, and than neighbours of a coarse
-    encoder or of few digits, or its dither.
+    A joint jumps away and back again and again, see `_jumps`. Or, in most spans of time in which nothing else moves,
+    values change to and fro between two, or among up to `MOST_SOURCES`, that are further apart than `DISPUTED` times
+    the scatter about them, and than neighbours of a coarse encoder or of few digits, or its dither.
 
     Args:
         time: (N,) [s], in any order.
@@ -180,6 +160,10 @@ def two_sources(time: Array, values: Array, unit: str) -> tuple[int, int] | None
         unit: "rad" or "m", see `STILL`.
     """
     order = np.argsort(time, kind="stable")
+    for column in values.T if unit == "rad" else ():
+        read = order[np.isfinite(column[order])]
+        if (at := _jumps(time[read], column[read])) is not None:
+            return int(read[at - 1]), int(read[at])
     order = order[np.isfinite(values[order]).all(axis=1)]
     digits = np.array([np.diff(np.unique(column)).min(initial=np.inf) for column in values[order].T])
     still, pairs = 0, list[tuple[int, int]]()
@@ -201,6 +185,22 @@ def two_sources(time: Array, values: Array, unit: str) -> tuple[int, int] | None
                 break
         still += scatter < STILL[unit]
     return pairs[0] if len(pairs) >= max(TIMES, still / 2) else None
+
+
+def _jumps(time: Array, values: Array) -> int | None:
+    """Return the first of (N,) samples of a joint [rad] that jumps away from those around it, where several do.
+
+    Each time it is between two neighbours that agree, or faster than any joint turns. Times ascend.
+    """
+    step, gap = np.diff(unwrapped(values)), np.diff(time)
+    back = (step[1:] * step[:-1] < 0.0) & (np.abs(step[1:] + step[:-1]) < 0.2 * np.abs(step[:-1]))
+    back &= (np.abs(step[:-1]) > APART) & (gap[1:] + gap[:-1] < DENSE)
+    jumps = np.flatnonzero((np.abs(step) > APART) & (np.abs(step) > FASTEST * np.maximum(gap, 1e-3)))
+    there, again = step[jumps[:-1]], step[jumps[1:]]
+    returns = (there * again < 0.0) & (np.abs(there + again) < 0.3 * np.abs(there))
+    if np.count_nonzero(back) >= TIMES:
+        return int(back.argmax()) + 1
+    return int(jumps[:-1][returns][0]) + 1 if np.count_nonzero(returns) >= TIMES else None
 
 
 def _split(moved: Array) -> Iterator[np.ndarray]:

@@ -14,8 +14,8 @@ from support.recordings import NAMES, POSES, SEEN, TT, TURNED, XYZ, Q, T, bag, c
 from armflex.errors import InputError, ManyErrors, TableError
 from armflex.intake import intake
 from armflex.intake.campaign import Intake
-from armflex.intake.lost import lost
 from armflex.intake.streams import offset
+from armflex.measured.lost_places import lost
 
 MM = 1e3 * SEEN
 
@@ -463,7 +463,7 @@ def test_noughts_before_a_driver_knows_its_joints_are_left_out(tmp_path: Path) -
     fits(found)
     assert any("have all joints at 0, and jump" in note for note in found.notes)
     mixed = np.where((np.arange(len(T)) % 10 == 3)[:, None], 0.7, Q)
-    with pytest.raises(TableError, match=r"joints.csv:\d+: .*: two programs wrote it"):
+    with pytest.raises(TableError, match=r"joints.csv:\d+: .* apart, to and fro: two programs or instruments wrote"):
         intake([log(tmp_path, q=mixed), motive(tmp_path)], 5e-5)
 
 
