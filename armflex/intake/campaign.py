@@ -253,12 +253,9 @@ def _check_moves(export: Record, places: Array, joints: Array) -> None:
     moves, turning = float(np.ptp(places[read], axis=0).max()), np.ptp(joints[read], axis=0) > MUCH
     if 0.0 < moves < HARDLY and np.count_nonzero(turning) >= max(FEW, joints.shape[1] / 2):
         axis, _ = next(export.of("coordinate"))
-        text = (
-            f"{axis.column!r} and the others in {axis.unit} move over {in_mm(moves)} while {np.count_nonzero(turning)}"
-        )
-        text += (
-            f" joints turn by more than {MUCH:g} rad: are they in m? --take '{axis.column}={axis.name}_m' and so on,"
-        )
+        text = f"{axis.column!r} and the others in {axis.unit} move over {in_mm(moves)} while"
+        text += f" {np.count_nonzero(turning)} joints turn by more than {MUCH:g} rad: are they in m?"
+        text += f" --take '{axis.column}={axis.name}_m' and so on,"
         raise TableError(Place(export.path), f"{text} or ={axis.name}_{axis.unit} if not")
 
 

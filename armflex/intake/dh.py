@@ -163,6 +163,8 @@ def read_dh(source: SourceTable, form: str | None, ask: Ask | None, unused: Coll
         ManyErrors: A unit, a column or the form are open.
     """
     columns = {name: column for name, column in _columns(source).items() if source.header[column[0]] not in unused}
+    if khalil := _is_khalil(source, columns):
+        columns |= {"a": columns["d"], "d": columns["a"]}
     cells, wrong = {name: list(map(str, source.columns[at])) for name, (at, _) in columns.items()}, list[str]()
     parts, taken = dict[str, _Numbers](), list[tuple[str, str, str, str]]()
     header, path, count = {name: source.header[at] for name, (at, _) in columns.items()}, source.path, len(source.lines)
@@ -197,7 +199,9 @@ def read_dh(source: SourceTable, form: str | None, ask: Ask | None, unused: Coll
     lengths = next((unit for title, what, unit, _ in taken if what == "DH d"), "")
     limits, ends, of_limits = _limits(source, slides, bool((theta + home + offset).any()), lengths, unused)
     beside, about = _beside(source, {at for at, _ in columns.values()}, {title for title, *_ in ends}, unused)
-    form, why, open_ = _form(source, form, ask)
+    form, why, open_ = _form(source, form, ask, khalil)
+    if form == "modified" and not khalil and _bare(header["a"])[0].startswith("r"):
+        open_.append(f"{path}: {header['a']!r} is along x in some texts, and along z in Khalil's: name columns a and d")
     if wrong := wrong + of_limits + about + open_:
         raise ManyErrors(wrong)
     rows = np.column_stack([theta + offset + home, *(values.get(name, none) for name in ("d", "a", "alpha", "beta"))])
@@ -261,6 +265,8 @@ def _unit_of(
         if unit not in ("", "rad") or (not unit and beside > RIGHT):
             return f"{path}: {header!r} is among angles with pi, and others are in degrees", ""
         unit, why = "rad", why if unit else "its cells"
+    if unit == "rad" and largest > RIGHT:
+        return f"{path}: {header!r} is {largest:g} rad, beyond a turn: write it as {f'{name} [deg]'!r}", ""
     if unit in units:
         return unit, why
     if unit:
@@ -365,12 +371,22 @@ def _beside(
     return taken, wrong
 
 
-def _form(source: SourceTable, form: str | None, ask: Ask | None) -> tuple[str, str, list[str]]:
+def _is_khalil(source: SourceTable, columns: Mapping[str, tuple[int, str]]) -> bool:
+    """Return whether a table is Khalil's, alpha d theta r, where d is along x and r along z."""
+    if "d" not in columns or not _bare(source.header[columns["a"][0]])[0].startswith("r"):
+        return False
+    order = sorted((name for name in columns if name in PARAMETERS), key=lambda name: columns[name][0])
+    words = any(re.search(r"\bkhalil", text, re.IGNORECASE) for text in source.comments)
+    return words or [name for name in order if name in ("alpha", "d", "a")] == ["alpha", "d", "a"]
+
+
+def _form(source: SourceTable, form: str | None, ask: Ask | None, khalil: bool) -> tuple[str, str, list[str]]:
     """Return the form of a table, where that is known from, and what is wrong with it."""
     path, why, wrong = source.path, "asked for", list[str]()
     stated = {"modified": "a and alpha are of the link before"}
     if not any(BEFORE.fullmatch(_bare(name)[0]) for name in source.header):
         stated = {of: "its title" for of, words in FORMS.items() if any(map(words.search, source.comments))}
+    stated |= {"modified": "alpha, d, theta, r are Khalil's"} if khalil else {}
     (other, reason), *more = [*stated.items()] or [("", "")]
     if other and not more and form is None:
         form, why = other, reason

@@ -715,3 +715,29 @@ def test_one_reading_from_another_station_is_asked_about(tmp_path: Path, column:
                     [",A", ",A", ",A", ",B"])  # fmt: skip
     with pytest.raises(InputError, match=f"'{column}' says that places are .*--take '{column}=session'"):
         intake([rows, points], 5e-5)
+
+
+def test_r_and_d_of_khalils_tables_are_d_and_a(tmp_path: Path) -> None:
+    """`d` is along x and `r` along z; elsewhere `r` is along x."""
+    path, rows = tmp_path / "dh.csv", log(tmp_path / "log.csv", ["P1", "P2", "P3"])
+
+    def described(head: str, of_rows: Sequence[str], form: str | None, title: str = "") -> str:
+        path.write_text("\n".join([*filter(None, [title]), f"j,{head}", *of_rows]))
+        return str(intake([path, rows], None, dh=form).arm)
+
+    first = "J1 = { theta_deg = 10.0, d_mm = 500.0, a_mm = 100.0, alpha_deg = -90.0 }"
+    khalil = "alpha [deg],d [mm],theta [deg],r [mm]", ("1,-90,100,10,500", "2,0,550,-90,0")
+    for form in (None, "modified"):
+        assert first in described(*khalil, form) and 'dh = "modified"' in described(*khalil, form)
+    with pytest.raises(
+        InputError, match=r"--dh standard, and the table is modified DH \(alpha, d, theta, r are Khalil"
+    ):
+        described(*khalil, "standard")
+    other = "d [mm],theta [deg],r [mm],alpha [deg]", ("1,500,10,100,-90", "2,0,-90,550,0")
+    assert first in described(*other, "standard")
+    with pytest.raises(InputError, match="'r .mm.' is along x in some texts, and along z in Khalil's: name columns a"):
+        described(*other, "modified")
+    turned = "theta [deg],r [mm],d [mm],alpha [deg]", ("1,10,500,100,-90", "2,-90,0,550,0")
+    assert first in described(*turned, None, "Parameters of Khalil and Kleinfinger")
+    with pytest.raises(InputError, match="'alpha .rad.' is 90 rad, beyond a turn: write it as 'alpha .deg.'"):
+        described(other[0].replace("alpha [deg]", "alpha [rad]"), other[1], "standard")
