@@ -17,7 +17,7 @@ from armflex.intake.picture_files import camera
 from armflex.intake.pointing import is_pointing, joined_runs
 from armflex.intake.record import Record, ranked
 from armflex.intake.recordings import read_sources
-from armflex.intake.settled import no_place, settled, unturned
+from armflex.intake.settled import in_one_frame, no_place, settled, unturned
 from armflex.intake.sources import SourceTable
 from armflex.intake.standing import standing
 
@@ -154,6 +154,7 @@ def _together(
         wrong.append("the files have coordinates: --sigma 0.05mm says how well one is measured")
     if sigma is not None and not points and not pictures:
         wrong += dict.fromkeys(f"--sigma, and {note}" for record in records for note in record.notes if UNREAD in note)
+    wrong += in_one_frame([record for record in points if record.role == "export"])
     if sigma_r is not None and points:
         wrong += unturned(points)
     for record in records:

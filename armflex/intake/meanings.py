@@ -310,16 +310,16 @@ def _as_they_were(meant: Sequence[Meaning], joints: Sequence[str]) -> list[Meani
     placed, settled = re.compile(PLACED_WORD, re.IGNORECASE), list(meant)
     twins: dict[tuple[str, ...], dict[bool, list[int]]] = {}
     for i, meaning in enumerate(meant):
-        if meaning.kind == "joint" and meaning.name not in joints and meaning.why != "as asked":
+        if meaning.kind == "joint" and meaning.why != "as asked":
             words = WORDS.findall(meaning.column.lower() if meaning.why != "as ROS has it" else meaning.name.lower())
-            commanded = any(map(COMMANDED.fullmatch, words))
+            commanded = meaning.name not in joints and any(map(COMMANDED.fullmatch, words))
             of_joint = [word for word in WORDS.findall(meaning.name.lower()) if not COMMANDED.fullmatch(word)]
             key = tuple(word for word in of_joint if not placed.fullmatch(word))
             twins.setdefault(key, {}).setdefault(commanded, []).append(i)
     for of in (of for key, of in twins.items() if key and len(of) == 2):
         for i in of[True]:
             settled[i] = replace(meant[i], kind="unused", unit="", why="commanded, and the position is there as well")
-        for i in of[False] if len(of[False]) == 1 else ():
+        for i in of[False] if len(of[False]) == 1 and meant[of[False][0]].name not in joints else ():
             name = re.sub(rf"^{PLACED_WORD}(?:[ _.-]|(?=\d))|[ _.-]{PLACED_WORD}$", "", meant[i].name, flags=re.I)
             settled[i] = replace(meant[i], name=name)
     return settled

@@ -29,7 +29,7 @@ from armflex.intake.record import Record
 from armflex.intake.sources import NO_READING, PARTED, numbers, said
 from armflex.intake.standing import filled
 from armflex.intake.streams import TURNS, is_dense, spread
-from armflex.measured.points import LENGTHS
+from armflex.measured.points import CURVED, LENGTHS, frame_of
 
 MOST_TURNS = 10.0
 """No joint of an arm is turned further from its zero."""
@@ -98,7 +98,8 @@ def settled(record: Record, ask: Ask | None, slides: Sequence[str], placed: bool
         time = times(record) if not about else None
         sampled = time is not None and is_dense(spread(time), values, unit)  # a row may be of one topic among several
     wrong += [*about, *_no_numbers(record, sampled)]
-    return record, [*wrong, *_frames(record), *_several(record), *_intended(record)] if placed else wrong
+    wrong += [*_curved(record), *_frames(record), *_several(record), *_intended(record)] if placed else ()
+    return record, wrong
 
 
 def _as(meaning: Meaning, unit: str) -> str:
@@ -245,6 +246,12 @@ def _frames(record: Record) -> list[str]:
     return wrong
 
 
+def _curved(record: Record) -> Iterator[str]:
+    """Yield what is wrong where comments say that the three numbers of a place are no x, y and z."""
+    if match := next((match for text in record.comments if (match := CURVED.search(text))), None):
+        yield f"{record.path}: {match[0]!r}: export the points in Cartesian coordinates, x y z"
+
+
 def _several(record: Record) -> Iterator[str]:
     """Yield what is wrong where a column says that places are of several targets or stations, most not of one each."""
     for meaning, cells in record.of("covariate", "unused") if not record.has("joint") else ():
@@ -266,6 +273,16 @@ def _intended(record: Record) -> Iterator[str]:
             text = f"{Place(record.path, record.lines[rows[0]])}: {meaning.column!r} is {said(str(cells[rows[0]]))} in"
             text += f" {len(rows)} of {len(cells)} rows: export measured places alone, or"
             yield f"{text} --take '{meaning.column}=unused' where all are"
+
+
+def in_one_frame(records: Sequence[Record]) -> list[str]:
+    """Return what is wrong where comments of exports say that their places are in several frames."""
+    frames = {frame_of(text).lower(): (record, frame_of(text)) for record in records for text in record.comments}
+    named = [f"{frame!r} in {record.path.name}" for key, (record, frame) in frames.items() if key]
+    text = "export them in one, or take that line out where it is not so"
+    return (
+        [f"{records[0].path}: comments say that places are in {listing(named, FEW)}: {text}"] if len(named) > 1 else []
+    )
 
 
 def no_place(record: Record, joints: bool) -> str:

@@ -735,9 +735,34 @@ def test_r_and_d_of_khalils_tables_are_d_and_a(tmp_path: Path) -> None:
         described(*khalil, "standard")
     other = "d [mm],theta [deg],r [mm],alpha [deg]", ("1,500,10,100,-90", "2,0,-90,550,0")
     assert first in described(*other, "standard")
-    with pytest.raises(InputError, match="'r .mm.' is along x in some texts, and along z in Khalil's: name columns a"):
+    with pytest.raises(InputError, match=r"'r .mm.' is along x in some texts, and along z in Khalil's: name columns a"):
         described(*other, "modified")
     turned = "theta [deg],r [mm],d [mm],alpha [deg]", ("1,10,500,100,-90", "2,-90,0,550,0")
     assert first in described(*turned, None, "Parameters of Khalil and Kleinfinger")
-    with pytest.raises(InputError, match="'alpha .rad.' is 90 rad, beyond a turn: write it as 'alpha .deg.'"):
+    with pytest.raises(InputError, match=r"'alpha .rad.' is 90 rad, beyond a turn: write it as 'alpha .deg.'"):
         described(other[0].replace("alpha [deg]", "alpha [rad]"), other[1], "standard")
+
+
+def test_exports_in_two_frames_are_no_campaign(tmp_path: Path) -> None:
+    rows = log(tmp_path / "log.csv", [f"P{i}" for i in range(1, 5)])
+    paths = [tmp_path / "first.txt", tmp_path / "second.txt"]
+
+    def write(*frames: str) -> None:
+        for path, frame, of_rows in zip(paths, frames, ((1, 2), (3, 4)), strict=True):
+            path.write_text(f"// Units: mm\n// Frame: {frame}\n" + "".join(f"A::G::P{i}, {i}, 0, 5\n" for i in of_rows))
+
+    write("A::WORLD", "A::world")
+    assert intake([rows, *paths], 5e-5).columns["x"] == pytest.approx([1e-3, 2e-3, 3e-3, 4e-3])
+    write("A::WORLD", "A::BASE")
+    with pytest.raises(InputError, match=r"comments say .* 'A::WORLD' in first\.txt, 'A::BASE' in second\.txt: export"):
+        intake([rows, *paths], 5e-5)
+
+
+@pytest.mark.parametrize("said", ["Cylindrical", "coordinate system: polar"])
+def test_points_on_cylinders_are_no_x_y_z(tmp_path: Path, said: str) -> None:
+    rows = log(tmp_path / "log.csv", [f"P{i}" for i in range(1, 5)])
+    (tmp_path / "points.txt").write_text(
+        f"// Units: mm\n// {said}\n" + "".join(f"A::P{i}, {i}, 30, 5\n" for i in range(5))
+    )
+    with pytest.raises(InputError, match=r"points\.txt: '(Cyl|pol)\w*': export the points in Cartesian coordinates"):
+        intake([rows, tmp_path / "points.txt"], 5e-5)
