@@ -766,3 +766,13 @@ def test_points_on_cylinders_are_no_x_y_z(tmp_path: Path, said: str) -> None:
     )
     with pytest.raises(InputError, match=r"points\.txt: '(Cyl|pol)\w*': export the points in Cartesian coordinates"):
         intake([rows, tmp_path / "points.txt"], 5e-5)
+
+
+def test_names_of_which_few_are_shared_are_not_joined(tmp_path: Path) -> None:
+    """P10 is the second row of the log, and the tenth point."""
+    rows = log(tmp_path / "log.csv", [f"P{10 * i}" for i in range(COUNT)])
+    points = export(tmp_path / "export.csv", [f"P{i}" for i in range(COUNT)], range(COUNT))
+    with pytest.raises(
+        TableError, match=r"only 2 of 12 rows of log\.csv have a point of their name, and 10 points have"
+    ):
+        intake([rows, points], 5e-5)
