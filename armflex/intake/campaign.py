@@ -21,6 +21,7 @@ from armflex.intake.record import Record, ranked
 from armflex.intake.settled import in_words
 from armflex.intake.sources import numbers, said
 from armflex.intake.streams import repeated
+from armflex.measured.data_flags import check_one_unit
 from armflex.measured.table import Column, Table, csv_text
 
 HARDLY = 5e-3
@@ -93,6 +94,8 @@ class _Placed:
             there = (rows >= 0)[:, None]
             places = np.where(there, export.places[rows], np.nan)
             _check_moves(export, places, joints)
+            lines = [Place(export.path, export.lines[k]) for k in rows]
+            check_one_unit(places, np.flatnonzero(np.isfinite(places).all(axis=1)), lines)
             before = None if whole else self._read_before(places, export)
             four = export.turned() if not self.targets or before == next(iter(self.targets)) else None
             if four is not None:

@@ -776,3 +776,14 @@ def test_names_of_which_few_are_shared_are_not_joined(tmp_path: Path) -> None:
         TableError, match=r"only 2 of 12 rows of log\.csv have a point of their name, and 10 points have"
     ):
         intake([rows, points], 5e-5)
+
+
+def test_rows_of_an_export_in_another_unit_are_named(tmp_path: Path) -> None:
+    rows = log(tmp_path / "log.csv", [f"P{i}" for i in range(COUNT)])
+    places = np.random.default_rng(3).uniform(500.0, 2500.0, (COUNT, 3))
+    places[[4, 5, 9]] /= 1e3
+    points = tmp_path / "export.csv"
+    cells = [f"P{i},{x:.7f},{y:.7f},{z:.7f}" for i, (x, y, z) in enumerate(places)]
+    points.write_text("\n".join(["Name,X [mm],Y [mm],Z [mm]", *cells]))
+    with pytest.raises(TableError, match=r"export\.csv:6: x y z: 3 of 12 rows are about 1000 times .*lines 6, 7, 11"):
+        intake([rows, points], 5e-5)

@@ -198,3 +198,26 @@ def test_clocks_that_may_be_apart_in_several_ways_are_named(tmp_path: Path) -> N
     paths = [log(tmp_path, time, values), tmp_path / "tracker.csv"]
     with pytest.raises(InputError, match=r"of their clocks, .*-3\.00 s.*: record uneven pauses, or put the times of"):
         intake(paths, 5e-5)
+
+
+@pytest.mark.parametrize("cells", [("none", "p10"), ("0", "10")])
+def test_a_load_that_changes_while_the_arm_stands_parts_the_stand(tmp_path: Path, cells: tuple[str, str]) -> None:
+    """Its row had the first payload and the mean of both places."""
+    name = "payload" if cells[0] == "none" else "payload_mass"
+    ends = np.cumsum(1.2 + PAUSES)
+    change = float(ends[3] - 0.5 * PAUSES[3])
+    lines = log(tmp_path).read_text().splitlines()
+    loaded = [
+        f"{lines[0]},{name}",
+        *(f"{line},{cells[int(t >= change)]}" for line, t in zip(lines[1:], T, strict=True)),
+    ]
+    (tmp_path / "joints.csv").write_text("\n".join(loaded))
+    sagged = 1e3 * SEEN - np.where(change <= TT, 2.0, 0.0)[:, None] * [0.0, 0.0, 1.0]
+    rows = [f"{t:.3f},{x:.4f},{y:.4f},{z:.4f}" for t, (x, y, z) in zip(TT, sagged, strict=True)]
+    (tmp_path / "tracker.csv").write_text("\n".join(["time,x_mm,y_mm,z_mm", *rows]))
+    found = intake([tmp_path / "joints.csv", tmp_path / "tracker.csv"], 5e-5)
+    states = cells if cells[0] == "none" else (0.0, 10.0)
+    assert [*found.columns[name]] == [states[int(i > 3)] for i in range(10)]
+    expected = tip(np.insert(POSES, 3, POSES[3], axis=0))[:, 2] - np.where(np.arange(10) > 3, 2e-3, 0.0)
+    assert np.allclose(found.columns["z"], expected, atol=5e-5)
+    assert any(f"stands of joints.csv are parted where '{name}' changes" in note for note in found.notes)
