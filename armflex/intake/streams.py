@@ -78,6 +78,9 @@ AGREE = 0.1
 """Tolerance: clocks that differ by less [s] agree. A rival is so by chance in one of some dozens of files: half of
 what is asked for (`DISTINCT`)."""
 
+MOST_STANDS = 200
+"""So many stands are compared with one another."""
+
 FLOOR = 0.02
 """Tolerance: share of the variance of speeds that a target which swings and is sampled leaves at the right lag."""
 
@@ -371,7 +374,7 @@ def offset(time: Array, values: Array, other: Array, place: Array) -> float:
 
     Speeds, and not positions, are correlated: their roots, so that a fast motion does not outweigh the others. Motions
     that take about equally long look alike at several lags. There the target's squared speed is a sum of those of the
-    joints, too.
+    joints, too, and the squared distance of two places one of how far each joint turned between them.
 
     Args:
         time: (N,) of joint positions (N, n) `values`.
@@ -400,12 +403,17 @@ def offset(time: Array, values: Array, other: Array, place: Array) -> float:
     if len(rivals) > 1:
         motions = int(np.count_nonzero(np.diff((speeds[0] > 0.0).astype(int)) > 0))
         lags, target = rivals.astype(int) - len(speeds[0]) + 1, squares[1].sum(axis=1)
-        left = np.log([max(_left(squares[0], target, lag, motions), 1e-12) for lag in lags.tolist()])
+        there = [min(len(target), len(speeds[0]) + lag) - max(lag, 0) for lag in lags.tolist()]
+        seen = max(motions * min(there) / len(speeds[0]) - values.shape[1], 0.0)
+        left = [max(_left(squares[0], target, lag, motions), 1e-12) for lag in lags.tolist()]
         # And how long motions and pauses take.
-        left += np.log([max(_left(speeds[0][:, None], speeds[1], lag, len(target)), FLOOR) for lag in lags.tolist()])
-        seen = motions * min(1.0, len(speeds[1]) / len(speeds[0]))
+        lasts = [max(_left(speeds[0][:, None], speeds[1], lag, len(target)), FLOOR) for lag in lags.tolist()]
+        stands = np.round((dwells(time, values, "rad").mean(axis=1) - grids[0][0][0]) / STEP).astype(int)
+        apart = np.array([_left_between(grids[0][1], grids[1][1], stands, lag) for lag in lags.tolist()])
+        likely = 0.5 * seen * np.log(left) + 0.5 * motions * min(1.0, len(speeds[1]) / len(speeds[0])) * np.log(lasts)
+        likely += apart[:, 1].min() * apart[:, 0]
         as_written = np.abs(grids[1][0][0] - grids[0][0][0] + lags * STEP) < AGREE
-        doubt = seen * left - DISTINCT * as_written
+        doubt = likely - DISTINCT * as_written
         best, (first, second) = int(rivals[doubt.argmin()]), np.sort(doubt)[:2]
         if second - first < 2.0 * DISTINCT:
             start = grids[1][0][0] - grids[0][0][0]
@@ -430,6 +438,28 @@ def _left(joints: Array, target: Array, lag: int, motions: int) -> float:
     left = segment - about @ np.linalg.lstsq(about, segment, rcond=None)[0]
     freedom = max(1.0 - joints.shape[1] * len(joints) / max(motions * len(segment), 1), 0.1)
     return float(left @ left) / max(float(segment @ segment), 1e-300) / freedom
+
+
+def _left_between(joints: Array, places: Array, stands: np.ndarray, lag: int) -> tuple[float, int]:
+    """Return by which share, as a logarithm, joints leave how far apart (M, 3) places are, so many steps before.
+
+    Between each two of `stands`, numbers of rows of (N, n) joints, a place is further for each joint that turned.
+
+    Returns:
+        The logarithm, 0 where the two have too few stands in common; and how many numbers say it: three a stand but
+        those of a pose of all, and a part of the distance for each joint, and one more.
+    """
+    rows = stands[(stands + lag >= 0) & (stands + lag < len(places))][:MOST_STANDS]
+    seen = max(3 * len(rows) - 6, 1)
+    freedom = 1.0 - (joints.shape[1] + 1) / seen
+    if freedom < 0.2:
+        return 0.0, 0
+    first, second = np.triu_indices(len(rows), 1)
+    apart = ((places[rows + lag][first] - places[rows + lag][second]) ** 2).sum(axis=1)
+    turned = np.column_stack([1.0 - np.cos(joints[rows][first] - joints[rows][second]), np.ones(len(first))])
+    rest = apart - turned @ np.linalg.lstsq(turned, apart, rcond=None)[0]
+    share = float(rest @ rest) / max(float(((apart - apart.mean()) ** 2).sum()), 1e-300)
+    return float(np.log(max(share / freedom, FLOOR))), seen - joints.shape[1] - 1
 
 
 def paired(spans: Array, times: Array) -> tuple[np.ndarray, float]:
