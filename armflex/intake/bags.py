@@ -26,7 +26,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.errors import FEW, ArmflexError, Place, TableError, UnsupportedError, listing
 from armflex.intake.sources import SourceTable, recorded
-from armflex.intake.streams import DENSE, aligned, contradiction, spread
+from armflex.intake.streams import DENSE, aligned, spread, two_sources
 
 BAGS = (".bag", ".active", ".db3", ".mcap")
 JOINTS = "JointState"
@@ -40,6 +40,8 @@ POINTS = {
     "Point": "",
 }
 """Types of messages with a position [m], and where in them it is."""
+
+UNREAD = "a type that is read, but topics of others"
 
 WANTED = {JOINTS, "TFMessage", *POINTS}
 MENDS = {".mcap": "`mcap recover`", ".db3": "`ros2 bag reindex`", ".bag": "`rosbag reindex`"}
@@ -64,10 +66,13 @@ def read_bag(path: Path) -> list[SourceTable]:
     """
     joints: dict[str, dict[str, list[tuple[float, float, float]]]] = defaultdict(lambda: defaultdict(list))
     places: dict[tuple[str, str, str], list[tuple[float, ...]]] = defaultdict(list)
-    types, notes = set[str](), list[str]()
+    types, notes, unread = set[str](), list[str](), dict[str, str]()
     try:
         for topic, kind, received, message in _messages(path, notes):
             types.add(kind)
+            if message is None:
+                unread |= {topic: kind} if kind not in WANTED else {}
+                continue
             stamp = _stamp(message, received)
             if kind == JOINTS:
                 names, at = list(message.name), list(message.position)
@@ -115,6 +120,10 @@ def read_bag(path: Path) -> list[SourceTable]:
             part = f"{topic} {child}" if "->" in child or len(bodies[topic]) > 1 else topic
             part += f" in {frame or 'no frame'}" if len(frames[topic, child]) > 1 else ""
             sources.append(recorded(path, part, dict(zip(head, values.T, strict=True)), tuple(about)))
+    if unread and all(not source.header[1].startswith("x_") for source in sources):
+        left = listing((f"{topic} ({kind})" for topic, kind in unread.items()), 8)
+        about = f"{path} has no place of {UNREAD}: {left}"
+        sources = [replace(source, notes=(*source.notes, about)) for source in sources]
     if not sources:
         cut = f"; {notes[0]}" if notes else ""
         text = f"has no {JOINTS} with positions and no place that moves among its types: {listing(sorted(types))}"
@@ -140,9 +149,10 @@ def _of_joints(
             time, values = spread(rows[:, column]), rows[:, 2]
             order = np.argsort(time, kind="stable")
             time, values = time[order], values[order]
-            if (at := contradiction(time, values)) is not None:
-                text = f"{topic} has joint {name} at {values[at - 1]:.4g} and, {1e3 * (time[at] - time[at - 1]):.0f} ms"
-                text += f" later, at {values[at]:.4g}, and back, from {time[at] - time[0]:.3f} s on"
+            if (pair := two_sources(time, values[:, None], "rad")) is not None:
+                at, after = pair
+                text = f"{topic} has joint {name} at {values[at]:.4g} and, {1e3 * (time[after] - time[at]):.0f} ms"
+                text += f" later, at {values[after]:.4g}, and back, from {time[after] - time[0]:.3f} s on"
                 doubts[f"position.{name}"] = f"{text}: two programs publish it, record one of them"
             series[f"position.{name}"] = time, values
         time, columns = aligned(series)
@@ -189,7 +199,7 @@ class _Named:
 
 
 def _messages(path: Path, notes: list[str]) -> Iterator[tuple[str, str, float, Any]]:
-    """Yield topic, type, time of receipt [s] and message of all that may have joints or positions.
+    """Yield topic, type, time of receipt [s] and message of all that may have joints or positions; None for others'.
 
     `notes` gains which files end before their recording was closed.
     """
@@ -240,6 +250,8 @@ def _other(path: Path) -> Iterator[tuple[str, str, float, Any]]:
         raise _not_installed(path) from None
     with ExitStack() as stack:
         reader = stack.enter_context(AnyReader([path], default_typestore=get_typestore(Stores.LATEST)))
+        for connection in reader.connections:
+            yield connection.topic, connection.msgtype.split("/")[-1], 0.0, None
         wanted = [connection for connection in reader.connections if connection.msgtype.split("/")[-1] in WANTED]
         for connection, stamp, data in reader.messages(connections=wanted) if wanted else ():
             message = reader.deserialize(data, connection.msgtype)
@@ -291,8 +303,8 @@ def _mcap(path: Path) -> Iterator[tuple[str, str, float, Any]]:
             schema = schemas.get(channel.schema_id)
             kind = "" if schema is None else re.split(r"[/.]", schema.name)[-1]
             if kind not in WANTED or schema is None:
-                continue
-            if channel.message_encoding == "json":
+                content = None
+            elif channel.message_encoding == "json":
                 content = json.loads(message.data, object_hook=lambda members: _Named(**members))
             elif channel.message_encoding == "cdr" and schema.encoding in ("ros2msg", "ros2idl", ""):
                 types.define(schema.name, schema.encoding, schema.data.decode())
@@ -405,12 +417,12 @@ def _sqlite(path: Path) -> Iterator[tuple[str, str, float, Any]]:
             topics = {
                 number: (topic, kind)
                 for number, topic, kind, form in base.execute("SELECT id, name, type, serialization_format FROM topics")
-                if kind.split("/")[-1] in WANTED and _is_cdr(path, topic, form)
+                if kind.split("/")[-1] not in WANTED or _is_cdr(path, topic, form)
             }
             for number, stamp, data in base.execute("SELECT topic_id, timestamp, data FROM messages"):
-                if number in topics:
-                    topic, kind = topics[number]
-                    yield topic, kind.split("/")[-1], 1e-9 * stamp, types.read(kind, data)
+                topic, kind = topics[number]
+                name = kind.split("/")[-1]
+                yield topic, name, 1e-9 * stamp, types.read(kind, data) if name in WANTED else None
         except sqlite3.DatabaseError as error:
             if "malformed" not in str(error):
                 raise

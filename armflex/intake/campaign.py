@@ -21,7 +21,12 @@ from armflex.intake.record import Record, ranked
 from armflex.intake.settled import in_words
 from armflex.intake.sources import numbers, said
 from armflex.intake.streams import repeated
+from armflex.measured.data_flags import check_one_unit
 from armflex.measured.table import Column, Table, csv_text
+
+HARDLY = 5e-3
+"""Tolerance: no target moves over less [m] while most joints turn by `MUCH` [rad] and more."""
+MUCH = 0.3
 
 ONE_TARGET = 5e-3
 """Tolerance: places of one name in two exports that are nearer [m] are of one target: a sphere of one is wider."""
@@ -88,6 +93,9 @@ class _Placed:
         for target, rows in match.row_of.items():
             there = (rows >= 0)[:, None]
             places = np.where(there, export.places[rows], np.nan)
+            _check_moves(export, places, joints)
+            lines = [Place(export.path, export.lines[k]) for k in rows]
+            check_one_unit(places, np.flatnonzero(np.isfinite(places).all(axis=1)), lines)
             before = None if whole else self._read_before(places, export)
             four = export.turned() if not self.targets or before == next(iter(self.targets)) else None
             if four is not None:
@@ -238,6 +246,20 @@ def _taken(records: Sequence[Record]) -> tuple[tuple[str, str, str, str, str], .
     return tuple(
         (record.title, one.column, in_words(one), one.unit or "", one.why) for record in used for one in record.meant
     )
+
+
+def _check_moves(export: Record, places: Array, joints: Array) -> None:
+    """Raise where (N, 3) places [m] hardly move though most of the joints, (N, n), turn: they are in another unit."""
+    read, asked = np.isfinite(places).all(axis=1), any(axis.why == "as asked" for axis, _ in export.of("coordinate"))
+    if asked or np.count_nonzero(read) < 2 * FEW:
+        return
+    moves, turning = float(np.ptp(places[read], axis=0).max()), np.ptp(joints[read], axis=0) > MUCH
+    if 0.0 < moves < HARDLY and np.count_nonzero(turning) >= max(FEW, joints.shape[1] / 2):
+        axis, _ = next(export.of("coordinate"))
+        text = f"{axis.column!r} and the others in {axis.unit} move over {in_mm(moves)} while"
+        text += f" {np.count_nonzero(turning)} joints turn by more than {MUCH:g} rad: are they in m?"
+        text += f" --take '{axis.column}={axis.name}_m' and so on,"
+        raise TableError(Place(export.path), f"{text} or ={axis.name}_{axis.unit} if not")
 
 
 def _unheld(export: Record, row_of: Mapping[str, np.ndarray], joints: Array) -> tuple[Record, Sequence[str]]:

@@ -21,10 +21,10 @@ import numpy as np
 
 from armflex.conventions import NUMBER, Array
 from armflex.errors import Place, TableError, UnsupportedError, listing, shown
-from armflex.intake.lost import lost
 from armflex.intake.meanings import INTENDED, Meaning, meanings
 from armflex.intake.sources import NO_READING, SourceTable
 from armflex.intake.streams import FEWEST
+from armflex.measured.lost_places import lost
 from armflex.measured.points import LENGTHS
 from armflex.measured.table import text_lines
 

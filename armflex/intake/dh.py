@@ -40,11 +40,30 @@ SAME_WAY = re.compile(r"\+?[01](?:\.0*)?|\+|no|false|n", re.IGNORECASE)
 
 BESIDE = re.compile(
     r"#|i|j|n|(?:joint|axis|achse|gelenk|link|row|zeile|frame|kinematics)?[ _]?(?:nr|no|number|index|id|name)?\.?"
-    r"|comments?|remarks?|notes?|bemerkung|description|mass|masse|m|(?:center|centre) of mass|com|inertia.*"
-    r"|(?:q|theta|joint)?[ _]?(?:min|max|lower|upper|limits?|range|qlim)(?:imum)?|(?:max )?(?:speed|velocity)",
+    r"|comments?|remarks?|notes?|bemerkung|description|(?:max )?(?:speed|velocity)",
     re.IGNORECASE,
 )
 """Columns beside those of the geometry, which is the same without them."""
+
+WEIGHS = re.compile(
+    r"mass|masse|m|(?:(?:center|centre) of mass|com|cog)(?:[ _]?[xyz])?|inertia.*|i[xyz]{2}", re.IGNORECASE
+)
+"""Columns of what links weigh: in which frame their centres are is said by none."""
+
+LIMITED = {
+    name: re.compile(rf"(?P<of>q|theta|θ|joint)?[ _]?(?:limit[ _]?)?(?:{words})(?:[ _]?limit)?", re.IGNORECASE)
+    for name, words in (
+        ("lower", "min(?:imum)?|lower"),
+        ("upper", "max(?:imum)?|upper"),
+        ("range", "limits?|range|qlim"),
+    )
+}
+"""Columns of where a joint may be: an end each, or both in a cell."""
+
+ENDS = re.compile(r"\s*(?:\.\.+|…|[/;,:~]|\bto\b|\bbis\b)\s*|\s+")
+"""Between both ends in a cell."""
+
+NO_END = re.compile(r"|[-–—]+|[-+]?(?:inf\w*|∞)|none|n/?a|nan", re.IGNORECASE)
 
 FACTOR = r"(?:\d+\.?\d*(?:e[+-]?\d+)?|\.\d+|pi)"
 CONSTANT = rf"(?P<constant>[+-]?{FACTOR}(?:[*/]?{FACTOR})*)"
@@ -87,12 +106,14 @@ class DhTable:
     Attributes:
         rows: (n, 5) theta [rad], d [m], a [m], alpha [rad] and beta [rad].
         slides: (n,) whether d, and not theta, is the joint's.
+        limits: (n, 2) between which positions the joint may be [rad or m], not a number where nobody says.
         form: "standard" or "modified".
         taken: (column, what it is, unit, why) of each column that counts.
     """
 
     rows: Array
     slides: tuple[bool, ...]
+    limits: Array
     form: str
     taken: tuple[tuple[str, str, str, str], ...]
 
@@ -105,12 +126,17 @@ class DhTable:
             "",
         ]
         lines.append("[robot.joint]")
-        for name, (theta, d, a, alpha, beta), slides in zip(joints, self.rows, self.slides, strict=True):
+        rows = zip(joints, self.rows, self.slides, self.limits, strict=True)
+        for name, (theta, d, a, alpha, beta), slides, ends in rows:
             angles = (float(np.round(np.degrees(angle), 9)) + 0.0 for angle in (theta, alpha, beta))
             lengths = (float(np.round(1e3 * size, 9)) + 0.0 for size in (d, a))
             (theta, alpha, beta), (d, a) = angles, lengths
             key = name if BARE.fullmatch(name) else json.dumps(name, ensure_ascii=False)
             more = (f", beta_deg = {beta!r}" if beta else "") + (', kind = "prismatic"' if slides else "")
+            if np.isfinite(ends).all():
+                unit, factor = ("mm", 1e3) if slides else ("deg", np.degrees(1.0))
+                lower, upper = (float(np.round(factor * end, 9)) + 0.0 for end in ends)
+                more += f", lower_{unit} = {lower!r}, upper_{unit} = {upper!r}"
             lines.append(
                 f"{key} = {{ theta_deg = {theta!r}, d_mm = {d!r}, a_mm = {a!r}, alpha_deg = {alpha!r}{more} }}"
             )
@@ -137,6 +163,8 @@ def read_dh(source: SourceTable, form: str | None, ask: Ask | None, unused: Coll
         ManyErrors: A unit, a column or the form are open.
     """
     columns = {name: column for name, column in _columns(source).items() if source.header[column[0]] not in unused}
+    if khalil := _is_khalil(source, columns):
+        columns |= {"a": columns["d"], "d": columns["a"]}
     cells, wrong = {name: list(map(str, source.columns[at])) for name, (at, _) in columns.items()}, list[str]()
     parts, taken = dict[str, _Numbers](), list[tuple[str, str, str, str]]()
     header, path, count = {name: source.header[at] for name, (at, _) in columns.items()}, source.path, len(source.lines)
@@ -168,13 +196,17 @@ def read_dh(source: SourceTable, form: str | None, ask: Ask | None, unused: Coll
     for i in np.flatnonzero(slides & ((offset != 0.0) | (home != 0.0)))[:1]:
         name = header["offset" if offset[i] else "home"]
         wrong.append(f"{Place(path, source.lines[i])}: the joint slides, and {name!r} is an angle: add it to d")
-    beside, about = _beside(source, {at for at, _ in columns.values()}, unused)
-    form, why, open_ = _form(source, form, ask)
-    if wrong := wrong + about + open_:
+    lengths = next((unit for title, what, unit, _ in taken if what == "DH d"), "")
+    limits, ends, of_limits = _limits(source, slides, bool((theta + home + offset).any()), lengths, unused)
+    beside, about = _beside(source, {at for at, _ in columns.values()}, {title for title, *_ in ends}, unused)
+    form, why, open_ = _form(source, form, ask, khalil)
+    if form == "modified" and not khalil and _bare(header["a"])[0].startswith("r"):
+        open_.append(f"{path}: {header['a']!r} is along x in some texts, and along z in Khalil's: name columns a and d")
+    if wrong := wrong + of_limits + about + open_:
         raise ManyErrors(wrong)
     rows = np.column_stack([theta + offset + home, *(values.get(name, none) for name in ("d", "a", "alpha", "beta"))])
-    taken = (*taken, *beside, ("(rows)", f"{form} DH", "", why))
-    return DhTable(rows, tuple(slides.tolist()), form, taken)
+    taken = (*taken, *ends, *beside, ("(rows)", f"{form} DH", "", why))
+    return DhTable(rows, tuple(slides.tolist()), limits, form, taken)
 
 
 class _Numbers(NamedTuple):
@@ -233,6 +265,8 @@ def _unit_of(
         if unit not in ("", "rad") or (not unit and beside > RIGHT):
             return f"{path}: {header!r} is among angles with pi, and others are in degrees", ""
         unit, why = "rad", why if unit else "its cells"
+    if unit == "rad" and largest > RIGHT:
+        return f"{path}: {header!r} is {largest:g} rad, beyond a turn: write it as {f'{name} [deg]'!r}", ""
     if unit in units:
         return unit, why
     if unit:
@@ -250,13 +284,76 @@ def _unit_of(
     return f"{path}: the unit of {header!r} is open: write it as {example!r}", ""
 
 
+def _limits(
+    source: SourceTable, slides: np.ndarray, turned: bool, lengths: str, unused: Collection[str]
+) -> tuple[Array, list[tuple[str, str, str, str]], list[str]]:
+    """Return (n, 2) limits [rad or m], what their columns are, and what is wrong with them.
+
+    Args:
+        source: The table.
+        slides: (n,) which joints slide.
+        turned: Whether theta has a constant beside the joint's position.
+        lengths: Unit of d, which limits of joints that slide have where theirs is not stated.
+        unused: Names of columns that are left out.
+    """
+    limits, taken, wrong = np.full((len(slides), 2), np.nan), list[tuple[str, str, str, str]](), list[str]()
+    marked = np.zeros(len(slides), dtype=bool)
+    for header, column in zip(source.header, source.columns, strict=True):
+        word, stated = _bare(header)
+        kind = next((name for name, pattern in LIMITED.items() if header not in unused and pattern.fullmatch(word)), "")
+        for i, cell in enumerate(map(str, column) if kind else ()):
+            both = re.fullmatch(r"(?:±|\+/?-)\s*(.*)", cell)
+            parts = [both[1]] * 2 if both else ENDS.split(cell.strip("[]() ")) if kind == "range" else [cell]
+            if NO_END.fullmatch(cell):
+                continue
+            ends = [_number(part) for part in parts]
+            if None in ends or any(end and end[2] is not None for end in ends) or len(ends) != 1 + (kind == "range"):
+                wrong.append(
+                    f"{Place(source.path, source.lines[i])}: {header!r} is {cell!r}, expected a joint's limits"
+                )
+                continue
+            of_cell = [(end[0], end[1]) for end in ends if end]
+            at = {"lower": [0], "upper": [1]}.get(kind, [0, 1])
+            limits[i, at] = np.array([value for value, _ in of_cell]) * ([-1.0, 1.0] if both else 1.0)
+            marked[i] |= any(in_rad for _, in_rad in of_cell)
+        if kind:
+            taken.append((header, "limits of a joint", stated, "its header" if stated else ""))
+    if not taken:
+        return limits, [], wrong
+    header, _, unit, _ = taken[0]
+    if turned and any((match := form.fullmatch(_bare(taken[0][0])[0])) and match["of"] in ("theta", "θ")
+                      for form in LIMITED.values()):  # fmt: skip
+        text = "is of theta, which has a constant beside the joint's position: which of both it limits is not known"
+        wrong.append(f"{source.path}: {header!r} {text}: name it 'min' and 'max', or --take '{header}=unused'")
+    whole = np.isfinite(limits)
+    for i in np.flatnonzero(whole.any(axis=1) & ~(limits[:, 0] < limits[:, 1]))[:1].tolist():
+        text = f"its limits are {limits[i, 0]:g} and {limits[i, 1]:g}, expected a lower and an upper one"
+        wrong.append(f"{Place(source.path, source.lines[i])}: {text}")
+    for kind, rows in (("turn", ~slides), ("slide", slides)):
+        read = rows & whole.any(axis=1) & ~(marked & ~slides)
+        units, of = (LENGTHS, unit or lengths) if kind == "slide" else (ANGLE_UNITS, unit)
+        largest = float(np.abs(limits[read][whole[read]]).max(initial=0.0))
+        if not of and kind == "turn" and largest > RIGHT:
+            of = "deg"
+        if read.any() and of not in units:
+            text = f"is in {of!r}, and some of the joints {kind}" if of else "has an open unit"
+            example = f"{header} [{'mm' if kind == 'slide' else 'deg'}]"
+            wrong.append(f"{source.path}: {header!r} {text}: write it as {example!r}, or --take '{header}=unused'")
+        elif read.any():
+            limits[read] *= units[of]
+            taken = [
+                (title, what, stated or of, why or f"a value of {largest:g}") for title, what, stated, why in taken
+            ]
+    return limits, taken, wrong
+
+
 def _beside(
-    source: SourceTable, columns: Collection[int], unused: Collection[str]
+    source: SourceTable, columns: Collection[int], limits: Collection[str], unused: Collection[str]
 ) -> tuple[list[tuple[str, str, str, str]], list[str]]:
     """Return what columns beside those of the geometry are, and what is wrong with them."""
     taken, wrong = list[tuple[str, str, str, str]](), list[str]()
     for i, name in enumerate(source.header):
-        if i in columns and name not in unused:
+        if (i in columns and name not in unused) or name in limits:
             continue
         counts = [int(match[1]) for cell in source.columns[i] if (match := COUNT.fullmatch(str(cell)))]
         every = name not in unused and len({*counts}) == len(source.lines)
@@ -265,18 +362,31 @@ def _beside(
             wrong.append(f"{source.path}: {text}")
         elif name in unused or BESIDE.fullmatch(_bare(name)[0]):
             taken.append((name, "not used", "", "as asked" if name in unused else "no part of the geometry"))
+        elif WEIGHS.fullmatch(_bare(name)[0]):
+            text = f"{name!r} is of what links weigh, and in which frame is said nowhere: --take '{name}=unused', and"
+            wrong.append(f"{source.path}: {text} write mass and com into the rows of [robot.joint]")
         else:
             text = f"{name!r} beside DH parameters is not known: --take '{name}=unused' leaves it out"
             wrong.append(f"{source.path}: {text}")
     return taken, wrong
 
 
-def _form(source: SourceTable, form: str | None, ask: Ask | None) -> tuple[str, str, list[str]]:
+def _is_khalil(source: SourceTable, columns: Mapping[str, tuple[int, str]]) -> bool:
+    """Return whether a table is Khalil's, alpha d theta r, where d is along x and r along z."""
+    if "d" not in columns or not _bare(source.header[columns["a"][0]])[0].startswith("r"):
+        return False
+    order = sorted((name for name in columns if name in PARAMETERS), key=lambda name: columns[name][0])
+    words = any(re.search(r"\bkhalil", text, re.IGNORECASE) for text in source.comments)
+    return words or [name for name in order if name in ("alpha", "d", "a")] == ["alpha", "d", "a"]
+
+
+def _form(source: SourceTable, form: str | None, ask: Ask | None, khalil: bool) -> tuple[str, str, list[str]]:
     """Return the form of a table, where that is known from, and what is wrong with it."""
     path, why, wrong = source.path, "asked for", list[str]()
     stated = {"modified": "a and alpha are of the link before"}
     if not any(BEFORE.fullmatch(_bare(name)[0]) for name in source.header):
         stated = {of: "its title" for of, words in FORMS.items() if any(map(words.search, source.comments))}
+    stated |= {"modified": "alpha, d, theta, r are Khalil's"} if khalil else {}
     (other, reason), *more = [*stated.items()] or [("", "")]
     if other and not more and form is None:
         form, why = other, reason

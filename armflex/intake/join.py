@@ -8,6 +8,7 @@ from pathlib import Path
 from armflex.errors import FEW, ManyErrors, TableError, listing
 from armflex.files.arm_file import ROBOTS
 from armflex.intake.arm_source import arm_source
+from armflex.intake.bags import UNREAD
 from armflex.intake.campaign import Intake, campaign
 from armflex.intake.meanings import Ask, Meaning, combined, meanings
 from armflex.intake.pairing import named_alike
@@ -16,7 +17,7 @@ from armflex.intake.picture_files import camera
 from armflex.intake.pointing import is_pointing, joined_runs
 from armflex.intake.record import Record, ranked
 from armflex.intake.recordings import read_sources
-from armflex.intake.settled import no_place, settled, unturned
+from armflex.intake.settled import in_one_frame, no_place, settled, unturned
 from armflex.intake.sources import SourceTable
 from armflex.intake.standing import standing
 
@@ -151,6 +152,9 @@ def _together(
         wrong.append(f"{listing(map(str, paths), FEW)}: {text}: give one log and one export, or one file of both")
     if points and sigma is None:
         wrong.append("the files have coordinates: --sigma 0.05mm says how well one is measured")
+    if sigma is not None and not points and not pictures:
+        wrong += dict.fromkeys(f"--sigma, and {note}" for record in records for note in record.notes if UNREAD in note)
+    wrong += in_one_frame([record for record in points if record.role == "export"])
     if sigma_r is not None and points:
         wrong += unturned(points)
     for record in records:
@@ -170,14 +174,14 @@ def _together(
 def _unburdened(records: Sequence[Record]) -> list[Record]:
     """Return records of which the log's rows are named as points are, and exports keep only causes beside readings."""
     kept, exports = list[Record](), [record for record in ranked(records) if record.role == "export"]
+    records = [named_alike(record, exports) if record.role == "log" else record for record in records]
+    logs = [record for record in records if record.role == "log"]
     for record in records:
         beside = {meaning.column.partition(" ")[0].lower() for meaning in record.meant} & {*TURNS}
         if record.role == "log" and record.has("coordinate") and len(beside) >= 3:
             text = "x y z stand beside the joints, with angles of the tool as controllers log them: these compute them"
             record = replace(record, notes=(*record.notes, f"{text} from the joints; are they measured?"))
-        if record.role == "log":
-            record = named_alike(record, exports)
-        elif record.role == "export":  # what an instrument's program says of its own readings is no cause
-            record = record.where(Meaning.is_signal, kind="unused", why="of the instrument")
+        if record.role == "export":  # what an instrument's program says of its own readings is no cause
+            record = named_alike(record, logs).where(Meaning.is_signal, kind="unused", why="of the instrument")
         kept.append(record)
     return kept

@@ -1,7 +1,6 @@
 """What each column of a file is: a joint, a coordinate, a name, a time, or something else that is kept."""
 
 import re
-from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -9,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from armflex.conventions import NUMBER, UNITS
-from armflex.errors import listing
-from armflex.intake.lost import lost
 from armflex.intake.sources import Cells, SourceTable, numbers
+from armflex.measured.lost_places import lost
+from armflex.measured.orientation_names import QUATERNIONS, ROUNDED, by_stem, ends
 from armflex.measured.points import LENGTHS
 
 Ask = Callable[[str, Sequence[str]], str]
@@ -52,9 +51,12 @@ SHORT = r"(?:jt?|a|q|ax|axis|axe|joint|achse|gelenk|eje|asse|giunto|軸|轴|关�
 """How joints are called that are only numbered."""
 
 PLACED_WORD = r"(?:act(?:ual)?|ist|pos(?:ition)?|angle|winkel|meas(?:ured)?|mess(?:wert)?|mes(?:ur[ée]e?)?|gemessen)"
+UR_COLUMN = r"(?:actual|target)_q_?\[?(?P<ur>[0-5])\]?"
+"""Of Universal Robots' RTDE, which counts from 0."""
+
 JOINTS: tuple[tuple[str, str], ...] = (
     (r"q_(?P<name>.*\S)", "rad"),
-    (r"(?:actual|target)_q_?\[?(?P<ur>[0-5])\]?", "rad"),
+    (UR_COLUMN, "rad"),
     (r"\$?(?:axis_act(?:_meas)?|aipos)[._ ]?(?P<short>a[1-6])", "deg"),
     (r"\$?(?:axis_act(?:_meas)?|aipos)[._ ]?(?P<outer>e[1-6])", ""),
     (r"(?:/?joint_states?[./])?position(?:[._](?P<name>.*\S)|\[(?P<listed>[^\[\]]+)\])", "rad"),
@@ -87,8 +89,15 @@ OF_SPEED = re.compile(r"/\s*s|veloc|speed|accel|orient|\btool|\btcp|rotation", r
 RECORDED = "position."
 """Before a joint's name in a column of a recording."""
 
-COMMANDED = re.compile(r"target|command|cmd|set ?point|soll|desired|consigne|demand", re.IGNORECASE)
-"""In the name of a column beside one of the same joint that says where it is."""
+COMMANDED = re.compile(
+    r"(?:target|command(?:ed)?|cmd|set(?:[ _]?p(?:oint|os(?:ition)?))?|soll|des(?:ired)?|d|consigne|demand(?:ed)?|goal"
+    r"|ref(?:erence)?|nom(?:inal)?|planned|request(?:ed)?)",
+    re.IGNORECASE,
+)
+"""A word in the name of a column beside one of the same joint that says where it is."""
+
+WORDS = re.compile(r"[^\W\d_]+|\d+")
+"""Words and numbers of a name."""
 
 NAMES = (
     r"(?:(?:point|punkt|target|object|feature|element)?[ _-]?(?:name|id)"
@@ -173,19 +182,11 @@ BY_SIZE = "its size"
 DAY = re.compile(r"\d{1,4}[./-]\d{1,2}[./-]\d{1,4}$")
 KEPT = ("payload", "session")
 PICTURE = r"(?:picture|image|photo|foto|bild)(?:[ _]?(?:file|name|path))?"
-TURN_OF = re.compile(r"(?P<stem>.*?)[ _.\-/]*(?P<axis>[wxyz0-4])")
-"""What may be a part of a quaternion: all four of a stem, of which the squares add up to 1."""
-
-QUATERNIONS = {"wxyz": "wxyz", "0xyz": "wxyz", "0123": "wxyz"}
-"""Axes of columns that are w x y z; that of 1234 is not said."""
 INTENDED = r"nom(?:inal|iell)?|soll\w*|theo(?:r\w*)?|cad|expected|desired|cmd|command(?:ed)?|ref(?:erence)?"
 """What stands beside the name of what was to be, and is not measured."""
 OF_INTENDED = re.compile(rf"(?:.*[\W_])?(?:{INTENDED})(?:[\W_].*)?")
 PARAMETERS = re.compile(r"[qe][ _.]?")
 """Before 0123 where they are w x y z: those of another name are places in a list."""
-
-ROUNDED = 0.02
-"""Tolerance: how far the length of a quaternion is from 1 where it is written with two digits, or a mean."""
 
 VECTOR, ANGLES = ("rx", "ry", "rz"), ("roll", "pitch", "yaw")
 """A rotation vector, which a header alone does not say; and angles about the fixed axes x, then y, then z."""
@@ -197,13 +198,6 @@ APPLIED = re.compile(rf"(?:{'|'.join(FUNCTIONS)})\s*\(.*\)", re.IGNORECASE)
 
 AMID = re.compile(rf"(?:.*[\W_])?{ANOTHER}(?:[\W_].*)?", re.IGNORECASE)
 """What is no position, wherever the word stands in a name."""
-
-SEVERAL = re.compile(
-    r"(?:(?P<target>tool|target|smr|prism|reflector|ball|sphere|nest|probe)"
-    r"|station|set[ _-]?up|instrument|tracker|scanner)(?:[ _]?(?:id|no|nr|number|name))?",
-    re.IGNORECASE,
-)
-"""Headers of columns of an export that say of which target or from where a place was read."""
 
 COUNTED = re.compile(r"\d+")
 """What stands in brackets at the end of a name that is counted so, `j[1]`, and is no unit."""
@@ -285,7 +279,8 @@ def meanings(
         meant = changed(meant, lambda meaning: meaning in days and meaning not in clocks, name="date")
     for i, meaning in enumerate(meant):
         values = numbers(source.columns[i]) if meaning.kind == "covariate" else np.zeros(0)
-        if len(values) > 2 and (np.diff(values) == 1.0).all():
+        about = not (CIRCUMSTANCE.fullmatch(meaning.name) or _with_unit(meaning.column)[1])
+        if len(values) > 2 and about and (np.diff(values) == 1.0).all():
             kinds = {other.kind for other in meant}  # of a log without names
             role = {"kind": "name", "name": "pose"} if "joint" in kinds and "name" not in kinds else {"kind": "unused"}
             meant[i] = replace(meaning, **role, unit="", why=COUNTS)
@@ -299,22 +294,35 @@ def meanings(
         if len(of_turn) <= 4:  # beside a place q1 .. q4 are a quaternion, whatever its length
             meant = [_beside(meaning) if meaning in of_turn else meaning for meaning in meant]
         meant = _turned(source, meant)
-    for i, meaning in enumerate(meant):  # where a joint is, beside where it was to be
-        twin = [
-            other for other in meant if (other.kind, other.name) == ("joint", meaning.name) and other is not meaning
-        ]
-        if (
-            meaning.kind == "joint"
-            and COMMANDED.search(meaning.column)
-            and any(not COMMANDED.search(o.column) for o in twin)
-        ):
-            meant[i] = replace(meaning, kind="unused", unit="", why="commanded, and the position is there as well")
-    return tuple(_with_angles(source, meant, joints, slides))
+    return tuple(_with_angles(source, _as_they_were(meant, joints), joints, slides))
 
 
 def changed(meant: Iterable[Meaning], which: Callable[[Meaning], bool], **changes: Any) -> list[Meaning]:
     """Return what columns are, with changes of those that `which` chooses."""
     return [replace(meaning, **changes) if which(meaning) else meaning for meaning in meant]
+
+
+def _as_they_were(meant: Sequence[Meaning], joints: Sequence[str]) -> list[Meaning]:
+    """Return what columns are where a joint's position stands beside where it was to be: `q_act_1`, `q_cmd_1`.
+
+    What was commanded is not used, and the joint is called as without a word for what was measured.
+    """
+    placed, settled = re.compile(PLACED_WORD, re.IGNORECASE), list(meant)
+    twins: dict[tuple[str, ...], dict[bool, list[int]]] = {}
+    for i, meaning in enumerate(meant):
+        if meaning.kind == "joint" and meaning.why != "as asked":
+            words = WORDS.findall(meaning.column.lower() if meaning.why != "as ROS has it" else meaning.name.lower())
+            commanded = meaning.name not in joints and any(map(COMMANDED.fullmatch, words))
+            of_joint = [word for word in WORDS.findall(meaning.name.lower()) if not COMMANDED.fullmatch(word)]
+            key = tuple(word for word in of_joint if not placed.fullmatch(word))
+            twins.setdefault(key, {}).setdefault(commanded, []).append(i)
+    for of in (of for key, of in twins.items() if key and len(of) == 2):
+        for i in of[True]:
+            settled[i] = replace(meant[i], kind="unused", unit="", why="commanded, and the position is there as well")
+        for i in of[False] if len(of[False]) == 1 and meant[of[False][0]].name not in joints else ():
+            name = re.sub(rf"^{PLACED_WORD}(?:[ _.-]|(?=\d))|[ _.-]{PLACED_WORD}$", "", meant[i].name, flags=re.I)
+            settled[i] = replace(meant[i], name=name)
+    return settled
 
 
 def _beside(meaning: Meaning) -> Meaning:
@@ -371,8 +379,6 @@ def combined(
 ) -> list[str]:
     """Return what is wrong with columns that are computed of joints, `A2+A3`, where one of them has no other column.
 
-    And with those by which the places of an export are of several targets, or of several stations.
-
     Args:
         source: A file.
         meant: What its columns are.
@@ -398,23 +404,7 @@ def combined(
             text = f"{source.path}: column {column!r} is computed of joints, expected a column of {missing[0]} alone:"
             wrong.append(f"{text} compute that, or --take '{column}=unused' where no such joint is")
     rest = [meaning for meaning in meant if meaning.column not in (*computed, *taken)] if not source.part else []
-    if {"coordinate"} == {meaning.kind for meaning in meant} & {"coordinate", "joint"}:
-        wrong += _several(source, meant, taken)
     return wrong + [text for name, known in _missing(there, joints) for text in _stand_ins(source, rest, name, known)]
-
-
-def _several(source: SourceTable, meant: Sequence[Meaning], taken: Mapping[str, str]) -> Iterator[str]:
-    """Yield what is wrong where a column says that places are of several targets or stations, a few times each."""
-    for meaning, cells in zip(meant, source.columns, strict=True):
-        counts = Counter(map(str, cells))
-        repeated = len(counts) > 1 and min(counts.values()) > 1 and "" not in counts
-        other = meaning.kind in ("covariate", "unused") and meaning.column not in taken
-        if repeated and other and (match := SEVERAL.fullmatch(meaning.column.strip())):
-            of = match["target"]
-            rest, prior = ("the target", ", with session_target under [prior]") if of else ("the instrument", "")
-            text = f"{source.path}: {meaning.column!r} says that places are of {listing(sorted(counts), 4)}: --take"
-            text += f" '{meaning.column}=session' where {rest} is at another place in each{prior}, or"
-            yield f"{text} '{meaning.column}=unused' where all are of one {'target' if of else 'frame'}"
 
 
 def _missing(there: Collection[str], joints: Sequence[str]) -> Iterator[tuple[str, Collection[str]]]:
@@ -457,6 +447,9 @@ def _of_set(header: Sequence[str]) -> dict[str, tuple[str, tuple[str, ...]]]:
     short = {name: re.sub(r"[ _.-]+(?:axis|achse)$|[ _.-]", "", text) for name, text in bare.items()}
     column = {text if len(text) == 1 else text.lower(): name for name, text in short.items()}
     called = dict[str, tuple[str, tuple[str, ...]]]()
+    numbered = {name: match for name, text in bare.items() if (match := re.fullmatch(UR_COLUMN, text, re.I))}
+    if all(match["ur"] != "0" for match in numbered.values()):  # of another program, which counts from 1
+        called |= {name: (name.replace("_q", " q", 1), ()) for name in numbered}
     for words, names in SETS:
         if column.keys() >= {*words} and not called.keys() & {column[word] for word in words}:
             for at, name in zip((column[word] for word in words), names, strict=True):
@@ -551,33 +544,30 @@ def _plain(header: str) -> str:
 
 def _turned(source: SourceTable, meant: Sequence[Meaning]) -> list[Meaning]:
     """Return what columns are where some of them are quaternions: beside x y z, and of length 1."""
-    groups: dict[str, dict[str, int]] = {}
-    for i, meaning in enumerate(meant):
-        match = TURN_OF.fullmatch(re.sub(r"\s*[\[(][^\])]*[\])]$", "", meaning.column.strip().lower()))
-        if match and meaning.kind in ("covariate", "joint"):
-            groups.setdefault(match["stem"], {})[match["axis"]] = i
+    index = {meaning.column: i for i, meaning in enumerate(meant) if meaning.kind in ("covariate", "joint")}
+    groups = by_stem(index)
     settled, places = (
         list(meant),
         [source.columns[i] for i, meaning in enumerate(meant) if meaning.kind == "coordinate"],
     )
     gone = lost(np.column_stack([numbers(cells) for cells in places]))
     for stem, group in groups.items() if not any(meaning.kind == "turn" for meaning in meant) else ():
-        axes = "".join(sorted(group, key="w01234xyz".index))
+        axes = ends(group)
         if axes not in (*QUATERNIONS, "1234") or OF_INTENDED.fullmatch(stem):
             continue
         names = QUATERNIONS.get(axes, "    ") if axes != "0123" or PARAMETERS.fullmatch(stem) else "    "
-        sizes = np.sqrt(sum(numbers(source.columns[i]) ** 2 for i in group.values()))
+        sizes = np.sqrt(sum(numbers(source.columns[index[name]]) ** 2 for name in group.values()))
         given = np.isfinite(sizes) & (sizes > 0.1) & ~gone  # noughts where nothing was set
         if not given.any() or (np.abs(sizes[given] - 1.0) > ROUNDED).any():
             continue
         why = "four columns of length 1"
         for number, (axis, name) in enumerate(zip(axes, names, strict=True)):
-            part_meant = settled[group[axis]]
+            at = index[group[axis]]
             if name != " ":
-                settled[group[axis]] = replace(part_meant, kind="turn", name=f"q{name}", unit="", why=why)
+                settled[at] = replace(settled[at], kind="turn", name=f"q{name}", unit="", why=why)
             else:
-                open_ = f"a quaternion, w first or last: --take '{part_meant.column}=q{'wxyz'[number]}'"
-                settled[group[axis]] = replace(part_meant, kind="unused", name="turn", unit="", why=open_)
+                open_ = f"a quaternion, w first or last: --take '{group[axis]}=q{'wxyz'[number]}'"
+                settled[at] = replace(settled[at], kind="unused", name="turn", unit="", why=open_)
     return settled
 
 

@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -10,11 +10,13 @@ from typing import Self
 
 import numpy as np
 
-from armflex.errors import InputError, Place, TableError, listing
+from armflex.conventions import NUMBER
+from armflex.errors import FEW, InputError, Place, TableError, listing
 from armflex.intake.clock import times
-from armflex.intake.meanings import COUNTS
+from armflex.intake.meanings import CIRCUMSTANCE, COUNTS, Meaning
 from armflex.intake.names import Pairing, is_resorted, paired_names
 from armflex.intake.record import Record
+from armflex.intake.sources import Cells, numbers
 from armflex.intake.streams import nearest, paired
 
 TARGET = re.compile(
@@ -163,6 +165,11 @@ class _Sides:
             row_of[target] = np.array([left[key].pop(0) if left.get(key) else -1 for key in pairing.rows])
             spare += [self.export.lines[i] for lines in left.values() for i in lines]
         notes, count = list[str](), len(self.names)
+        left = sum(all(row[i] < 0 for row in row_of.values()) for i in range(count))
+        if 2 * left > count and 2 * len(spare) > len(self.export.lines):
+            text = f"only {count - left} of {count} rows of {self.log.path.name} have a {self.what} of their name, and"
+            text += f" {len(spare)} {self.what}s have no row: are they of one another? Give both the same names"
+            raise TableError(Place(self.export.path), text)
         if spare:
             at = listing(map(str, sorted(spare)), 5)
             notes.append(f"{len(spare)} {self.what}s of {self.export.path.name} belong to no row (lines {at})")
@@ -241,16 +248,40 @@ def in_lines(lines: Sequence[int]) -> str:
     return f"line{'s' if len(lines) > 1 else ''} {listing(map(str, lines), 5)}"
 
 
-def named_alike(log: Record, exports: Sequence[Record]) -> Record:
-    """Return a log whose names are a column without a meaning, where most of its cells are those of points."""
-    given = [cells for export in exports if (cells := export.cells("name")) is not None]
-    if not given or any(meaning.kind == "name" and meaning.why != COUNTS for meaning in log.meant):
-        return log
-    labels = [_bare(str(label)) for cells in given for label in cells]
-    labels = [*labels, *(match[1] for label in labels if (match := TARGET.fullmatch(label)))]
-    for named, cells in log.of("covariate", "unused"):
-        pairing = paired_names(list(map(str, cells)), labels, by_number=False)
-        if pairing is not None and 2 * len(pairing.shared) > len(cells):
-            log = log.where(lambda one: one.kind == "name", kind="unused")
-            return log.where([named].__contains__, kind="name", name="pose", unit="", why="the points' names")
-    return log
+def named_alike(record: Record, others: Sequence[Record]) -> Record:
+    """Return a record without names with those of a column without a meaning, where it has one that names its rows.
+
+    Such are most names of the rows of others, or of their columns of texts where they have no names either; and what
+    counts rows in an order of its own.
+    """
+    if record.part or any(meaning.kind == "name" and meaning.why != COUNTS for meaning in record.meant):
+        return record
+    labels = list[str]()
+    for other in others:
+        cells = [cells for meaning, cells in other.of("name") if meaning.why != COUNTS]
+        cells = cells or [cells for _, cells in _naming(other) if not any(map(NUMBER.fullmatch, cells))]
+        labels += [_bare(str(label)) for several in cells for label in several]
+    labels += [match[1] for label in labels if (match := TARGET.fullmatch(label))]
+    for meaning, cells in _naming(record):
+        counts = _counts_anew(cells)
+        pairing = paired_names(list(map(str, cells)), labels, by_number=counts) if labels else None
+        if counts or (pairing is not None and 2 * len(pairing.shared) > len(cells)):
+            why = "the points' names" if pairing is not None else "counts in another order"
+            record = record.where(lambda one: one.kind == "name", kind="unused")
+            return record.where([meaning].__contains__, kind="name", name="pose", unit="", why=why)
+    return record
+
+
+def _naming(record: Record) -> Iterator[tuple[Meaning, Cells]]:
+    """Yield the columns without a meaning that may name rows: texts and whole numbers."""
+    for meaning, cells in record.of("covariate", "unused"):
+        plain = meaning.why not in (COUNTS, "as asked") and not CIRCUMSTANCE.fullmatch(meaning.name)
+        if plain and not isinstance(cells, np.ndarray) and not (numbers(cells) % 1.0 > 0.0).any():
+            yield meaning, cells
+
+
+def _counts_anew(cells: Cells) -> bool:
+    """Return whether cells count rows from 0 or 1, or texts with a number do, and not upwards."""
+    values = np.sort(numbers(cells))
+    every = bool(np.isfinite(values).all() and values[0] in (0.0, 1.0) and (np.diff(values) == 1.0).all())
+    return len(cells) >= FEW and (every or bool(np.isnan(values).all())) and is_resorted(list(map(str, cells)))

@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from armflex.conventions import Array
 from armflex.errors import Place, TableError
-from armflex.intake.meanings import ANGLE_UNITS, ANGLES, ROUNDED, VECTOR, Meaning, changed
+from armflex.intake.meanings import ANGLE_UNITS, ANGLES, VECTOR, Meaning, changed
 from armflex.intake.sources import Cells, SourceTable, numbers
+from armflex.measured.orientation_names import ROUNDED
 from armflex.measured.points import LENGTHS
 
 DIGITS = 12

@@ -1,7 +1,8 @@
 """What is wrong or open in one file: units that nobody states, cells that are no numbers, what no arm reaches."""
 
 import re
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from armflex.intake.lost import without_lost
 from armflex.intake.meanings import (
     ANGLE_UNITS,
     ANGLES,
+    INTENDED,
     OUTER,
     STEPS,
     TIME_UNITS,
@@ -24,10 +26,10 @@ from armflex.intake.meanings import (
     stated,
 )
 from armflex.intake.record import Record
-from armflex.intake.sources import NO_READING, numbers, said
+from armflex.intake.sources import NO_READING, PARTED, numbers, said
 from armflex.intake.standing import filled
-from armflex.intake.streams import is_dense, spread
-from armflex.measured.points import LENGTHS
+from armflex.intake.streams import TURNS, is_dense, spread
+from armflex.measured.points import CURVED, LENGTHS, frame_of
 
 MOST_TURNS = 10.0
 """No joint of an arm is turned further from its zero."""
@@ -38,12 +40,25 @@ MOST_METRES = 1e4
 MOST_MOTION = 200.0
 """No arm moves a target over more [m]: no structure of one is longer."""
 
+TWIN = 0.1
+"""Tolerance: joints that differ by less than this part of their way in every row are one joint, most likely."""
+
 FRAMES = re.compile(
-    r"(?:(?:coord\w*|ref(?:erence)?|work(?:ing)?)[ _]?)?(?:frame|system|c?sys|ucs)(?:[ _]?(?:id|name))?"
+    r"(?:(?:coord\w*|ref(?:erence)?|work(?:ing)?)[ _]?)?(?:frame|system|c?sys|[uw]cs)(?:[ _]?(?:id|name))?|datum"
     r"|\w*(?:koordinaten|bezugs)system",
     re.IGNORECASE,
 )
 """Header of a column that says in which frame a place is."""
+
+SEVERAL = re.compile(
+    r"(?:(?P<target>tool|target|smr|prism|reflector|ball|sphere|nest|probe)"
+    r"|station|set[ _-]?up|instrument|tracker|scanner)(?:[ _]?(?:id|no|nr|number|name))?",
+    re.IGNORECASE,
+)
+"""Headers of columns of an export that say of which target or from where a place was read."""
+
+NOT_MEASURED = re.compile(rf"(?:{INTENDED})(?:[\W_].*)?", re.IGNORECASE)
+"""What a cell says of a place that was to be."""
 
 WORDS = {
     "joint": "joint {}",
@@ -75,13 +90,16 @@ def settled(record: Record, ask: Ask | None, slides: Sequence[str], placed: bool
         wrong.append(str(error))
     record, about = _with_units(record, ask, slides)
     about += _twice(record)
+    about += [] if about else [*_twins(record)]
     if not about and (record.has("joint") or record.has("coordinate")):
         values, unit = filled(record).moved
         record = counted(record, values, unit)
         about += filter(None, [doubt(record)])
         time = times(record) if not about else None
         sampled = time is not None and is_dense(spread(time), values, unit)  # a row may be of one topic among several
-    return record, [*wrong, *about, *_no_numbers(record, sampled), *(_frames(record) if placed else ())]
+    wrong += [*about, *_no_numbers(record, sampled)]
+    wrong += [*_curved(record), *_frames(record), *_several(record), *_intended(record)] if placed else ()
+    return record, wrong
 
 
 def _as(meaning: Meaning, unit: str) -> str:
@@ -152,6 +170,22 @@ def _twice(record: Record) -> list[str]:
     return wrong
 
 
+def _twins(record: Record) -> Iterator[str]:
+    """Yield what is wrong where joints stand there twice, as of two encoders, or of where they were to be."""
+    named = [meaning for meaning, _ in record.of("joint")]
+    values = [*record.si("joint").values()]
+    way = [float(np.ptp(read[np.isfinite(read)])) if np.isfinite(read).any() else 0.0 for read in values]
+    moving = [i for i, size in enumerate(way) if size > TURNS]
+    pairs = [(i, k) for n, i in enumerate(moving) for k in moving[n + 1 :]
+             if np.nanmax(np.abs(values[i] - values[k]), initial=0.0) < TWIN * min(way[i], way[k])]  # fmt: skip
+    asked, once = any(named[k].why == "as asked" for _, k in pairs), len({i for pair in pairs for i in pair})
+    if 1 < len(pairs) == once / 2 and once > len(moving) / 2 and len(record.lines) > 2 and not asked:
+        first, second = (named[i].column for i in pairs[0])
+        text = f"{record.path}: {first!r} and {second!r} are nearly the same in every row, and {len(pairs) - 1} more"
+        text += f" pairs are: are they joints that stand there twice? --take '{second}=unused' and so on leaves one of"
+        yield f"{text} each out, '{second}={_as(named[pairs[0][1]], named[pairs[0][1]].unit or 'rad')}' keeps them"
+
+
 def _no_numbers(record: Record, sampled: bool) -> list[str]:
     """Return what is wrong with cells of joints, places and times: no numbers, or such as no arm reaches."""
     wrong = list[str]()
@@ -166,7 +200,9 @@ def _no_numbers(record: Record, sampled: bool) -> list[str]:
         if bad.any():
             at = int(bad.argmax())
             place = Place(record.path, record.lines[at])
-            wrong.append(f"{place}: {one.column!r} is {said(str(cells[at]))}, expected a number")
+            text = f"{place}: {one.column!r} is {said(str(cells[at]))}, expected a number"
+            parted = one.kind in ("joint", "turn") and PARTED.fullmatch(str(cells[at]))
+            wrong.append(f"{text}; degrees, minutes and seconds need a header with [deg]" if parted else text)
         elif one.kind != "time" and one.unit:
             wrong += filter(None, [_implausible(record, one, values)])
         if one.kind == "joint" and one.column in record.doubts:
@@ -210,6 +246,45 @@ def _frames(record: Record) -> list[str]:
     return wrong
 
 
+def _curved(record: Record) -> Iterator[str]:
+    """Yield what is wrong where comments say that the three numbers of a place are no x, y and z."""
+    if match := next((match for text in record.comments if (match := CURVED.search(text))), None):
+        yield f"{record.path}: {match[0]!r}: export the points in Cartesian coordinates, x y z"
+
+
+def _several(record: Record) -> Iterator[str]:
+    """Yield what is wrong where a column says that places are of several targets or stations, most not of one each."""
+    for meaning, cells in record.of("covariate", "unused") if not record.has("joint") else ():
+        counts = Counter(map(str, cells))
+        repeated = 1 < len(counts) <= len(cells) / 2 and "" not in counts
+        if repeated and meaning.why != "as asked" and (match := SEVERAL.fullmatch(meaning.column.strip())):
+            of = match["target"]
+            rest, prior = ("the target", ", with session_target under [prior]") if of else ("the instrument", "")
+            text = f"{record.path}: {meaning.column!r} says that places are of {listing(sorted(counts), 4)}: --take"
+            text += f" '{meaning.column}=session' where {rest} is at another place in each{prior}, or"
+            yield f"{text} '{meaning.column}=unused' where all are of one {'target' if of else 'frame'}"
+
+
+def _intended(record: Record) -> Iterator[str]:
+    """Yield what is wrong where a column says that rows are of places that were to be, and not of measured ones."""
+    for meaning, cells in record.of("covariate", "unused"):
+        rows = [i for i, cell in enumerate(cells) if NOT_MEASURED.fullmatch(str(cell))]
+        if rows and meaning.why != "as asked" and not isinstance(cells, np.ndarray):
+            text = f"{Place(record.path, record.lines[rows[0]])}: {meaning.column!r} is {said(str(cells[rows[0]]))} in"
+            text += f" {len(rows)} of {len(cells)} rows: export measured places alone, or"
+            yield f"{text} --take '{meaning.column}=unused' where all are"
+
+
+def in_one_frame(records: Sequence[Record]) -> list[str]:
+    """Return what is wrong where comments of exports say that their places are in several frames."""
+    frames = {frame_of(text).lower(): (record, frame_of(text)) for record in records for text in record.comments}
+    named = [f"{frame!r} in {record.path.name}" for key, (record, frame) in frames.items() if key]
+    text = "export them in one, or take that line out where it is not so"
+    return (
+        [f"{records[0].path}: comments say that places are in {listing(named, FEW)}: {text}"] if len(named) > 1 else []
+    )
+
+
 def no_place(record: Record, joints: bool) -> str:
     """Return what is wrong with a file that has no places, nor `joints`; nothing where those are enough."""
     if columns := polar(record.header):
@@ -224,9 +299,18 @@ def no_place(record: Record, joints: bool) -> str:
 def unturned(records: Sequence[Record]) -> list[str]:
     """Return why no file has the orientation that --sigma-r is of, nothing where one has it."""
     whole = ({"qw", "qx", "qy", "qz"}, {*VECTOR}, {*ANGLES})
-    if any({meaning.name for meaning, _ in record.of("turn")} >= names for record in records for names in whole):
-        return []
+    turned = [record for record in records for names in whole
+              if {meaning.name for meaning, _ in record.of("turn")} >= names]  # fmt: skip
     wrong = list[str]()
+    for record in turned:
+        read = np.column_stack([numbers(cells) for _, cells in record.of("turn")])
+        read = read[np.isfinite(read).all(axis=1) & (np.isfinite(record.places).all(axis=1))]
+        if len(read) > 2 and not np.ptp(read, axis=0).any() and np.ptp(record.places, axis=0).any():
+            columns = listing(repr(meaning.column) for meaning, _ in record.of("turn"))
+            text = f"{record.path}: --sigma-r, and the orientation {columns} is {listing(f'{x:g}' for x in read[0])} in"
+            wrong.append(f"{text} every row, to the last digit: it was not measured")
+    if turned:
+        return wrong
     for record in records:
         text = f"{record.path}: --sigma-r, and no orientation is read"
         quaternion = [meaning for meaning in record.meant if meaning.name == "turn"]

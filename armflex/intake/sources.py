@@ -61,6 +61,23 @@ FORTRAN = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))[dD]([+-]?\d{1,3})")
 MEASURE = re.compile(r"(.*\d[.,]?)\s*(mm|cm|m|in|inch|°|deg)")
 """A number with its unit in the cell."""
 
+UNITS_COLUMN = re.compile(r"(?:length[ _]?)?(?:units?|einheit(?:en)?|unit[ée]s?)", re.IGNORECASE)
+"""Header of a column that states the unit of each row."""
+
+PART_OF_DEGREE = r"[0-5]?\d(?:\.\d*)?"
+DEGREES = re.compile(
+    rf"([-+]?)(\d{{1,3}})\s*(?:[°º]|d(?:eg)?\s*)\s*({PART_OF_DEGREE})\s*(?:['′’]|m(?:in)?)"
+    rf"(?:\s*({PART_OF_DEGREE})\s*(?:[\"″”]|''|′′|s(?:ec)?))?",
+    re.IGNORECASE,
+)
+"""Degrees, minutes and seconds with their marks, 12°34'56"."""
+
+PARTED = re.compile(rf"([-+]?)(\d{{1,3}})(?:[ :]([0-5]?\d))[ :]({PART_OF_DEGREE})")
+"""The same without marks, 12 34 56 and 12:34:56, which is no time where the header says that degrees stand there."""
+
+IN_DEGREES = re.compile(r".*(?:[\[(]\s*(?:°|deg(?:rees?)?|dms)\s*[\])]|_(?:deg|dms))", re.IGNORECASE)
+"""Header that says so."""
+
 STAMP = re.compile(r"(?:\d{1,4}[./-]\d{1,2}[./-]\d{1,4}|\d{1,2}:\d\d)[\dTZ:.,+ -]*")
 """A cell with a date, a clock's time or both."""
 
@@ -140,7 +157,7 @@ def read_table_source(path: Path) -> SourceTable:
                 kept.append((number, line.rstrip("\r\n")))
         rows, mark = _split(kept)
     rows = [(line, [_plain_number(cell) for cell in cells]) for line, cells in rows]
-    numeric = [sum(map(_number, row)) >= min(max(len(row), 2) / 2, 2) or _no_reading(row) for _, row in rows]
+    numeric = [_numeric(row) for _, row in rows]
     widths = Counter(len(cells) for (_, cells), full in zip(rows, numeric, strict=True) if full and len(cells) > 1)
     if not widths:
         raise TableError(Place(path), "holds no rows of numbers: expected a table with a header, or lines: name x y z")
@@ -174,7 +191,26 @@ def read_table_source(path: Path) -> SourceTable:
         for column in columns
     )
     source = SourceTable(path, tuple(head), tuple(line for line, _ in body), tuple(texts), tuple(comments))
+    source = replace(source, comments=(*source.comments, *_units_of(source)))
     return _named_joints(_by_point(source))
+
+
+def _units_of(source: SourceTable) -> list[str]:
+    """Return what a column that states the unit of each row says, as a comment does.
+
+    Raises:
+        TableError: Rows are in different units.
+    """
+    at = next((i for i, name in enumerate(source.header) if UNITS_COLUMN.fullmatch(name.strip())), None)
+    cells = [] if at is None else [str(cell) for cell in source.columns[at]]
+    given = dict.fromkeys(filter(None, (cell.strip(" []()").lower() for cell in cells)))
+    if at is None or not given or not {*given} <= {*LENGTHS, *UNITS["angle"]}:
+        return []
+    if len(given) > 1:
+        row = next(i for i, cell in enumerate(cells) if cell and cell != cells[0])
+        text = f"{source.header[at]!r} is {said(cells[row])} here and {said(cells[0])} before: export one unit"
+        raise TableError(Place(source.path, source.lines[row]), text)
+    return [f"Units: {unit}" for unit in given]
 
 
 def _heads(rows: Sequence[tuple[int, list[str]]], first: int, width: int) -> tuple[int, list[list[str]]]:
@@ -191,17 +227,34 @@ def _plain_number(cell: str) -> str:
     if NUMBER.fullmatch(cell):
         return cell
     cell = f"-{cell[1:]}" if cell.startswith("−") else cell
+    if match := DEGREES.fullmatch(cell):
+        return f"{_decimal(match)}°"
     if match := THOUSANDS.fullmatch(cell):
         return match[4].replace(",", "") if match[4] else match[1].replace(match[2], "") + (match[3] or "")
     return f"{match[1]}e{match[2]}" if (match := FORTRAN.fullmatch(cell)) else cell
 
 
+def _decimal(match: re.Match[str]) -> str:
+    """Return degrees, minutes and seconds as one number."""
+    sign, *parts = match.groups()
+    return f"{sign}{sum(float(part or 0.0) / 60.0**n for n, part in enumerate(parts)):.12g}"
+
+
 def _without_units(
     head: Sequence[str], columns: Sequence[tuple[str, ...]]
 ) -> tuple[Sequence[str], list[tuple[str, ...]]]:
-    """Return a header and columns of which those have their unit in the header whose every number has the same."""
+    """Return a header and columns of which those have their unit in the header whose every number has the same.
+
+    Where the header says that degrees stand there, their minutes and seconds are of one number with them.
+    """
     names, stripped = list(head), list(columns)
     for i, column in enumerate(columns):
+        if IN_DEGREES.fullmatch(names[i]):
+            bare = [cell.removesuffix("°").rstrip() for cell in column]
+            stripped[i] = tuple(_decimal(match) if (match := PARTED.fullmatch(cell)) else cell for cell in bare)
+            if stripped[i] != column:  # of dms written as one number, 12.3456, the unit is not known
+                names[i] = re.sub("dms", "deg", names[i], flags=re.IGNORECASE)
+            continue
         if not any(map(MEASURE.fullmatch, column[:FEW])):
             continue
         matches = [MEASURE.fullmatch(cell) for cell in column if not NO_READING.fullmatch(cell)]
@@ -322,6 +375,13 @@ def _number(cell: str) -> bool:
     if match := MEASURE.fullmatch(cell):
         cell = match[1]
     return bool(NUMBER.fullmatch(cell) or COMMA.fullmatch(cell))
+
+
+def _numeric(cells: Sequence[str]) -> bool:
+    """Return whether a row is one of numbers, and no title or header."""
+    plain, parted = (sum(map(bool, map(of, cells))) for of in (_number, PARTED.fullmatch))
+    least = min(max(len(cells), 2) / 2, 2)
+    return plain >= least or (parted > 0 and plain + parted >= 2) or _no_reading(cells)
 
 
 def _no_reading(cells: Sequence[str]) -> bool:

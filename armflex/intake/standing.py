@@ -1,5 +1,6 @@
 """Recordings reduced to where the arm stood: a row for each stand, with the means of what was recorded in it."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,6 +17,9 @@ from armflex.intake.meanings import ANGLE_UNITS, Meaning
 from armflex.intake.record import Record, ranked
 from armflex.intake.sources import numbers
 from armflex.measured.points import LENGTHS
+
+SLOW = re.compile("temp|humid|feucht|press|druck", re.IGNORECASE)
+"""In names of what changes by itself: a mean over a stand is as good."""
 
 SAMPLES = 100
 """So many rows that stand and move are samples, whatever their clock is."""
@@ -132,10 +136,10 @@ def _recording(record: Record, written: Record) -> Recording | None:
     record = _continuous(record, even) if unit == "rad" else record
     places, _ = record.moved
     if (pair := streams.two_sources(even, places, unit)) is not None:
-        apart = float(np.linalg.norm(places[pair[1]] - places[pair[0]]))
+        apart = float(np.linalg.norm(np.nan_to_num(places[pair[1]] - places[pair[0]])))
         here, there = (f"{listing(f'{value:.6g}' for value in places[at])}" for at in pair)
         text = f"{record.part} is at {here} {unit} at {even[pair[0]]:.3f} s here and {there} at {even[pair[1]]:.3f} s,"
-        text += f" {in_mm(apart) if unit == 'm' else f'{apart:.4g} {unit}'} apart, to and fro while the arm stands:"
+        text += f" {in_mm(apart) if unit == 'm' else f'{apart:.4g} {unit}'} apart, to and fro:"
         text += " two programs or instruments wrote it, keep one of them"
         raise TableError(Place(record.path, record.lines[pair[0]]), text.strip())
     return Recording(record, even, written, notes)
@@ -149,7 +153,8 @@ def _stands(recording: Recording) -> tuple[Array, list[str]]:
     if max(before, after) > streams.STANDS:
         text = f"{title} lacks a joint in its first {before:.4g} s and its last {after:.4g} s"
         notes.append(f"{text}: no row is of then")
-    spans = streams.dwells(time, values, unit)
+    spans, parted = _parted(recording.record, time, streams.dwells(time, values, unit))
+    notes += [f"stands of {title} are parted where {listing(parted)} changes"] if parted else []
     within = [(time >= start) & (time <= end) for start, end in spans]
     there = np.array([np.isfinite(values[rows]).any(axis=0).all() for rows in within], dtype=bool)
     if not there.all() and there.any():
@@ -159,6 +164,29 @@ def _stands(recording: Recording) -> tuple[Array, list[str]]:
         text = f"nothing stands still for {streams.STANDS:g} s in it, whose rows are {_step(time)}"
         raise InputError(f"{recording.record.path}: {text}: a campaign stops for a second at each pose")
     return spans[there], [f"the arm stands {np.count_nonzero(there)} times in {title}", *notes]
+
+
+def _parted(record: Record, time: Array, spans: Array) -> tuple[Array, list[str]]:
+    """Return (K, 2) spans [s] in which what the rows are beside their numbers, such as the payload, is the same.
+
+    And the columns that change within one. What changes more often than the arm stands is measured, and no state.
+    """
+    order, changed = np.argsort(time, kind="stable"), list[str]()
+    for meaning, cells in record.of("kept", "covariate"):
+        if meaning.is_signal() or SLOW.search(meaning.name):
+            continue
+        states = np.array(list(map(str, cells)))[order]
+        times = time[order][1:][states[1:] != states[:-1]]
+        inside = [at for at in times.tolist() if ((spans[:, 0] < at) & (at < spans[:, 1])).any()]
+        if not inside or len(times) > len(spans):
+            continue
+        changed.append(repr(meaning.column))
+        for at in inside:
+            k = int(np.flatnonzero((spans[:, 0] < at) & (at < spans[:, 1]))[0])
+            parts = [(spans[k, 0], np.nextafter(at, -np.inf)), (at + streams.SETTLES, spans[k, 1])]
+            parts = [(start, end) for start, end in parts if end - start > streams.SETTLES]
+            spans = np.concatenate([spans[:k], np.array(parts).reshape(-1, 2), spans[k + 1 :]])
+    return spans, changed
 
 
 def _continuous(record: Record, time: Array) -> Record:
@@ -173,10 +201,6 @@ def _continuous(record: Record, time: Array) -> Record:
     joints = [(i, meaning) for i, meaning in enumerate(record.meant) if meaning.kind == "joint"]
     for (i, meaning), column in zip(joints, np.where(gone[:, None], np.nan, values)[order].T, strict=True):
         rows, turning = order[read := np.isfinite(column)], meaning.unit in ANGLE_UNITS
-        if not record.part and (at := streams.contradiction(time[rows], column[read])) is not None:
-            text = f"{meaning.column!r} is at {column[read][at]:.4g} [{'rad' if turning else 'm'}] here and elsewhere"
-            place = Place(record.path, record.lines[rows[at]])
-            raise TableError(place, f"{text} just before and after, again and again: two programs wrote it")
         there = streams.unwrapped(column[read]) if turning else column[read]
         if gone.any() or (there != column[read]).any():
             cells = np.full(len(time), np.nan)

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.errors import InputError
+from armflex.errors import FEW, InputError, listing
 from armflex.intake.sources import Cells, Source, numbers
 
 DENSE = 0.25
@@ -32,6 +32,10 @@ WRAPS = 0.3
 
 NEAR = 0.25
 """Tolerance: by which part of the time between two rows a point may be off the time after its row that is usual."""
+
+PUNCTUAL, ENOUGH = 0.1, 6
+"""Tolerance: part of the scatter with the clocks as they are below which that at another difference of them is no
+chance, of so many points."""
 
 TRIED = 40
 """Differences of two clocks that are tried, those between most pairs of a row and a point."""
@@ -73,6 +77,9 @@ ALIKE = 0.5
 AGREE = 0.1
 """Tolerance: clocks that differ by less [s] agree. A rival is so by chance in one of some dozens of files: half of
 what is asked for (`DISTINCT`)."""
+
+MOST_STANDS = 200
+"""So many stands are compared with one another."""
 
 FLOOR = 0.02
 """Tolerance: share of the variance of speeds that a target which swings and is sampled leaves at the right lag."""
@@ -143,32 +150,12 @@ def between(time: Array, stamps: Array, values: Array) -> Array:
     return there
 
 
-def contradiction(time: Array, values: Array) -> int | None:
-    """Return the first of (N,) samples that another source than that of the samples around it must have written.
-
-    Such samples jump away and back: each time between two neighbours that agree, or faster than any joint turns.
-
-    Args:
-        time: (N,) [s], ascending.
-        values: (N,) positions of one joint [rad or m].
-    """
-    step, gap = np.diff(unwrapped(values)), np.diff(time)
-    back = (step[1:] * step[:-1] < 0.0) & (np.abs(step[1:] + step[:-1]) < 0.2 * np.abs(step[:-1]))
-    back &= (np.abs(step[:-1]) > APART) & (gap[1:] + gap[:-1] < DENSE)
-    jumps = np.flatnonzero((np.abs(step) > APART) & (np.abs(step) > FASTEST * np.maximum(gap, 1e-3)))
-    there, again = step[jumps[:-1]], step[jumps[1:]]
-    returns = (there * again < 0.0) & (np.abs(there + again) < 0.3 * np.abs(there))
-    if np.count_nonzero(back) >= TIMES:
-        return int(back.argmax()) + 1
-    return int(jumps[:-1][returns][0]) + 1 if np.count_nonzero(returns) >= TIMES else None
-
-
 def two_sources(time: Array, values: Array, unit: str) -> tuple[int, int] | None:
     """Return two of (N, d) samples in `unit` that two sources must have written; None where one wrote all.
 
-    In most spans of time in which nothing else moves values change to and fro between two, or among up to
-    `MOST_SOURCES`, that are further apart than `DISPUTED` times the scatter about them, and than neighbours of a coarse
-    encoder or of few digits, or its dither.
+    A joint jumps away and back again and again, see `_jumps`. Or, in most spans of time in which nothing else moves,
+    values change to and fro between two, or among up to `MOST_SOURCES`, that are further apart than `DISPUTED` times
+    the scatter about them, and than neighbours of a coarse encoder or of few digits, or its dither.
 
     Args:
         time: (N,) [s], in any order.
@@ -176,6 +163,10 @@ def two_sources(time: Array, values: Array, unit: str) -> tuple[int, int] | None
         unit: "rad" or "m", see `STILL`.
     """
     order = np.argsort(time, kind="stable")
+    for column in values.T if unit == "rad" else ():
+        read = order[np.isfinite(column[order])]
+        if (at := _jumps(time[read], column[read])) is not None:
+            return int(read[at - 1]), int(read[at])
     order = order[np.isfinite(values[order]).all(axis=1)]
     digits = np.array([np.diff(np.unique(column)).min(initial=np.inf) for column in values[order].T])
     still, pairs = 0, list[tuple[int, int]]()
@@ -197,6 +188,22 @@ def two_sources(time: Array, values: Array, unit: str) -> tuple[int, int] | None
                 break
         still += scatter < STILL[unit]
     return pairs[0] if len(pairs) >= max(TIMES, still / 2) else None
+
+
+def _jumps(time: Array, values: Array) -> int | None:
+    """Return the first of (N,) samples of a joint [rad] that jumps away from those around it, where several do.
+
+    Each time it is between two neighbours that agree, or faster than any joint turns. Times ascend.
+    """
+    step, gap = np.diff(unwrapped(values)), np.diff(time)
+    back = (step[1:] * step[:-1] < 0.0) & (np.abs(step[1:] + step[:-1]) < 0.2 * np.abs(step[:-1]))
+    back &= (np.abs(step[:-1]) > APART) & (gap[1:] + gap[:-1] < DENSE)
+    jumps = np.flatnonzero((np.abs(step) > APART) & (np.abs(step) > FASTEST * np.maximum(gap, 1e-3)))
+    there, again = step[jumps[:-1]], step[jumps[1:]]
+    returns = (there * again < 0.0) & (np.abs(there + again) < 0.3 * np.abs(there))
+    if np.count_nonzero(back) >= TIMES:
+        return int(back.argmax()) + 1
+    return int(jumps[:-1][returns][0]) + 1 if np.count_nonzero(returns) >= TIMES else None
 
 
 def _split(moved: Array) -> Iterator[np.ndarray]:
@@ -367,7 +374,7 @@ def offset(time: Array, values: Array, other: Array, place: Array) -> float:
 
     Speeds, and not positions, are correlated: their roots, so that a fast motion does not outweigh the others. Motions
     that take about equally long look alike at several lags. There the target's squared speed is a sum of those of the
-    joints, too.
+    joints, too, and the squared distance of two places one of how far each joint turned between them.
 
     Args:
         time: (N,) of joint positions (N, n) `values`.
@@ -396,17 +403,23 @@ def offset(time: Array, values: Array, other: Array, place: Array) -> float:
     if len(rivals) > 1:
         motions = int(np.count_nonzero(np.diff((speeds[0] > 0.0).astype(int)) > 0))
         lags, target = rivals.astype(int) - len(speeds[0]) + 1, squares[1].sum(axis=1)
-        left = np.log([max(_left(squares[0], target, lag, motions), 1e-12) for lag in lags.tolist()])
+        there = [min(len(target), len(speeds[0]) + lag) - max(lag, 0) for lag in lags.tolist()]
+        seen = max(motions * min(there) / len(speeds[0]) - values.shape[1], 0.0)
+        left = [max(_left(squares[0], target, lag, motions), 1e-12) for lag in lags.tolist()]
         # And how long motions and pauses take.
-        left += np.log([max(_left(speeds[0][:, None], speeds[1], lag, len(target)), FLOOR) for lag in lags.tolist()])
-        seen = motions * min(1.0, len(speeds[1]) / len(speeds[0]))
+        lasts = [max(_left(speeds[0][:, None], speeds[1], lag, len(target)), FLOOR) for lag in lags.tolist()]
+        stands = np.round((dwells(time, values, "rad").mean(axis=1) - grids[0][0][0]) / STEP).astype(int)
+        apart = np.array([_left_between(grids[0][1], grids[1][1], stands, lag) for lag in lags.tolist()])
+        likely = 0.5 * seen * np.log(left) + 0.5 * motions * min(1.0, len(speeds[1]) / len(speeds[0])) * np.log(lasts)
+        likely += apart[:, 1].min() * apart[:, 0]
         as_written = np.abs(grids[1][0][0] - grids[0][0][0] + lags * STEP) < AGREE
-        doubt = seen * left - DISTINCT * as_written
+        doubt = likely - DISTINCT * as_written
         best, (first, second) = int(rivals[doubt.argmin()]), np.sort(doubt)[:2]
         if second - first < 2.0 * DISTINCT:
-            raise InputError(
-                "joints and target move alike at several differences of their clocks: record uneven pauses"
-            )
+            start = grids[1][0][0] - grids[0][0][0]
+            alike = listing(f"{start + lags[i] * STEP:+.2f} s" for i in np.argsort(doubt)[:FEW])
+            text = f"joints and target move alike at several differences of their clocks, {alike}: record uneven"
+            raise InputError(f"{text} pauses, or put the times of one file right by that which is true")
     before, at, after = (float(match[min(max(best + i, 0), len(match) - 1)]) for i in (-1, 0, 1))
     bend = before - 2.0 * at + after
     fine = 0.5 * (before - after) / bend if bend < 0.0 else 0.0
@@ -425,6 +438,28 @@ def _left(joints: Array, target: Array, lag: int, motions: int) -> float:
     left = segment - about @ np.linalg.lstsq(about, segment, rcond=None)[0]
     freedom = max(1.0 - joints.shape[1] * len(joints) / max(motions * len(segment), 1), 0.1)
     return float(left @ left) / max(float(segment @ segment), 1e-300) / freedom
+
+
+def _left_between(joints: Array, places: Array, stands: np.ndarray, lag: int) -> tuple[float, int]:
+    """Return by which share, as a logarithm, joints leave how far apart (M, 3) places are, so many steps before.
+
+    Between each two of `stands`, numbers of rows of (N, n) joints, a place is further for each joint that turned.
+
+    Returns:
+        The logarithm, 0 where the two have too few stands in common; and how many numbers say it: three a stand but
+        those of a pose of all, and a part of the distance for each joint, and one more.
+    """
+    rows = stands[(stands + lag >= 0) & (stands + lag < len(places))][:MOST_STANDS]
+    seen = max(3 * len(rows) - 6, 1)
+    freedom = 1.0 - (joints.shape[1] + 1) / seen
+    if freedom < 0.2:
+        return 0.0, 0
+    first, second = np.triu_indices(len(rows), 1)
+    apart = ((places[rows + lag][first] - places[rows + lag][second]) ** 2).sum(axis=1)
+    turned = np.column_stack([1.0 - np.cos(joints[rows][first] - joints[rows][second]), np.ones(len(first))])
+    rest = apart - turned @ np.linalg.lstsq(turned, apart, rcond=None)[0]
+    share = float(rest @ rest) / max(float(((apart - apart.mean()) ** 2).sum()), 1e-300)
+    return float(np.log(max(share / freedom, FLOOR))), seen - joints.shape[1] - 1
 
 
 def paired(spans: Array, times: Array) -> tuple[np.ndarray, float]:
@@ -463,7 +498,8 @@ def nearest(rows: Array, points: Array) -> tuple[np.ndarray, float]:
     """Return (M,) which row each point is of, -1 for none, and the difference of their clocks [s] that was found.
 
     A point belongs to the row that is nearest to it, as far from it as the points usually are. Clocks are as they are
-    where points are then near their rows; else at the difference at which most rows have a point, equally far.
+    where points are then near their rows; else, and where points are then scattered `1 / PUNCTUAL` times less, at the
+    difference at which most rows have a point, equally far.
 
     Args:
         rows: (N,) times [s] of rows that are no recording, in any order.
@@ -486,15 +522,16 @@ def nearest(rows: Array, points: Array) -> tuple[np.ndarray, float]:
         return np.where(within, order[near], -1), usual, len(set(near[within].tolist())), spread
 
     most = min(len(rows), len(points))
-    assigned, usual, count, _ = placed(0.0)
-    if abs(usual) <= room and count > 0.9 * most:
-        return assigned, 0.0
+    assigned, usual, count, scatter = placed(0.0)
+    near = abs(usual) <= room and count > 0.9 * most
     apart = (points[:, None] - ordered).ravel()
     tried = list[float]()
     for start in (0.0, 0.5):
         _, bins, counts = np.unique(np.floor(apart / room + start), return_inverse=True, return_counts=True)
         tried += [float(np.median(apart[bins == i])) for i in np.argsort(counts)[::-1][:TRIED]]
     best, *others = sorted(((-count, spread, shift) for shift in tried for _, _, count, spread in (placed(shift),)))
+    if near and (most < ENOUGH or -best[0] < count or best[1] >= PUNCTUAL * scatter):
+        return assigned, 0.0
     if -best[0] <= 0.9 * most:
         return (assigned, 0.0) if abs(usual) <= room else (np.full(len(points), -1), 0.0)
     rival = next((shift for count, spread, shift in others

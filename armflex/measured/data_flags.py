@@ -6,7 +6,6 @@ fit, which lists it. The two differ in size, by a factor of a thousand against a
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,6 +16,8 @@ from armflex.arm import Arm
 from armflex.conventions import LOGGED_ANGLES, LOGGED_LENGTHS, NUMBER, STANDARD_GRAVITY, UNITS, Array
 from armflex.errors import FEW, Flag, Place, TableError, listing
 from armflex.files.effect_file import TEMPERATURE
+from armflex.measured.lost_places import lost
+from armflex.measured.orientation_names import QUATERNIONS, ROUNDED, TURNED, TURNS_BY, bare, by_stem, ends
 from armflex.measured.table import Table, asked_columns, is_nearly, other_joints
 from armflex.mechanics.loaded import FORCE_BAND
 from armflex.robot.urdf import Joint
@@ -50,16 +51,6 @@ TURN_OFF = 0.3
 SEAM = 1e-3
 """Tolerance: rounding at the ends of one turn [rad]."""
 
-MATRIX = "r11 r12 r13 r21 r22 r23 r31 r32 r33"
-TURNS_BY = ("roll pitch yaw", "heading pitch roll", "a b c", "w p r", "rx ry rz", "omega phi kappa", MATRIX)
-"""Names of the numbers of an orientation: angles as rolls, of a ship, of KUKA and Fanuc, as axes, of a camera."""
-
-PART_OF_TURN = re.compile(r"(?P<stem>.*?)[ _.-]*(?P<axis>[wxyz])")
-TURNED = re.compile(r"(?:r|rot(?:ation)?|rvec|rotvec|euler|ori(?:ent(?:ation)?)?|rpy|theta|attitude|angle)")
-"""What stands before x y z where they are an orientation."""
-
-BEHIND = re.compile(r"\s*[\[(].*|_(?:deg|rad|mrad)$")
-
 GAP_BY_CHANCE = 1e-3
 """Confidence: probability below which a gap in a column is no chance of where poses were."""
 
@@ -76,6 +67,24 @@ def check_one_unit(
             lines = listing((str(place.line) for place in odd_places), 10)
             text = f"{name}: {len(odd_places)} of {len(rows)} rows are about 1000 times as large or small as the others"
             raise TableError(odd_places[0], f"{text} (lines {lines}): mm among m?")
+
+
+def check_not_lost(places: Array, q: Array, rows: np.ndarray, at: Sequence[Place]) -> None:
+    """Raise `TableError` naming rows with the place that an instrument writes where it reads none, again and again.
+
+    Not where most rows are there: a target may be put to one place on purpose.
+
+    Args:
+        places: (N, 3) [m].
+        q: (N, nq) positions [rad or m].
+        rows: Numbers of the rows that were read.
+        at: Where the rows are.
+    """
+    gone = rows[lost(places[rows])]
+    if 1 < len(gone) < 0.5 * len(rows) and np.ptp(q[gone], axis=0).any():
+        lines, place = listing((str(at[i].line) for i in gone.tolist()), 10), listing(f"{x:g}" for x in places[gone[0]])
+        text = f"x, y, z are {place} here, as instruments write where they read nothing: leave the cells empty"
+        raise TableError(at[int(gone[0])], f"{text} ({len(gone)} of {len(rows)} rows, lines {lines})")
 
 
 def _other_unit(values: Array) -> np.ndarray:
@@ -206,23 +215,19 @@ def unread_orientation(columns: Mapping[str, object]) -> list[str]:
 
     Angles and a matrix are known by their names, a quaternion by four names and its length.
     """
-    bare = {BEHIND.sub("", name.strip().lower()): name for name in columns}
+    called = {bare(name): name for name in columns}
     for names in (words.split() for words in TURNS_BY):
-        if bare.keys() >= set(names):
-            return [bare[name] for name in names]
-    stems: dict[str, dict[str, str]] = {}
-    for key, name in bare.items():
-        if match := PART_OF_TURN.fullmatch(key):
-            stems.setdefault(match["stem"], {})[match["axis"]] = name
-    for stem, parts in stems.items():
-        if set(parts) == set("wxyz"):
+        if called.keys() >= set(names):
+            return [called[name] for name in names]
+    for stem, parts in by_stem(columns).items():
+        if (axes := ends(parts)) in QUATERNIONS:
             squares = [
                 np.square(values) for values in map(columns.get, parts.values()) if isinstance(values, np.ndarray)
             ]
-            if len(squares) == 4 and np.isclose(sum(squares), 1.0, atol=0.04).all():
-                return [parts[axis] for axis in "xyzw"]
-        elif set(parts) == set("xyz") and TURNED.fullmatch(stem):
-            return [parts[axis] for axis in "xyz"]
+            if len(squares) == 4 and np.isclose(sum(squares), 1.0, atol=2.0 * ROUNDED).all():
+                return [parts[axis] for axis in axes[1:] + axes[0]]
+        elif axes == "xyz" and TURNED.fullmatch(stem):
+            return [parts[axis] for axis in axes]
     return []
 
 

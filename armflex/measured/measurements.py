@@ -23,6 +23,7 @@ from armflex.errors import Flag, InputError, Place, TableError, did_you_mean, li
 from armflex.measured.data_flags import (
     branch_flags,
     check_joint_units,
+    check_not_lost,
     check_one_unit,
     force_flags,
     in_other_units,
@@ -301,6 +302,8 @@ def read_measurements(
     for kind in measurements.readings.kinds:
         if kind.unit == "m":
             read = np.flatnonzero(np.isfinite(kind.sigma).all(axis=1) & measurements.measured)
+            if isinstance(kind, Position):
+                check_not_lost(kind.values, measurements.q, read, measurements.places)
             check_one_unit(kind.values, read, measurements.places, kind.columns(kind.name) if kind.name else POSITION)
     flags += () if turned is None else (replace(turned, text=f"{Place(table.path, 1)}: {turned.text}"),)
     flags += (
@@ -530,7 +533,11 @@ def _measurements(
         raise table.fail(f"hold is {hold[row]:g} s: the load has stood for 0 s at least", row)
     tracked: dict[str, Any] = {}
     if POSITION[0] in table.columns or not readings.kinds:
-        names = EACH if "sigma" not in table.columns and any(name in table.columns for name in EACH) else ("sigma",)
+        names = EACH if any(name in table.columns for name in EACH) else ("sigma",)
+        if names == EACH and "sigma" in table.columns:
+            raise table.fail(
+                f"has sigma beside {listing(name for name in EACH if name in table.columns)}: leave one out"
+            )
         unread = np.inf if readings.kinds else 1.0
         tracked |= {"position": position, "sigma": _deviations(table, names, measured, "the positions", "m", unread)}
     if turned.any():

@@ -41,7 +41,7 @@ _COMMENT = re.compile(r"\s*(?://|#)\s*(.*)")
 _UNIT = re.compile(r"\bunits?\b[^:=]*[:=](.*[^\W\d_].*)", re.IGNORECASE)
 _NO_LENGTH = re.compile(r"\b(?:ang|temp|press|humid|time|weight|mass)", re.IGNORECASE)
 _FRAME = re.compile(r"\bframe(?:\s+name)?\s*(?:[:=](?!:)\s*(\S.*?)|\s(\S*::\S+))\s*$", re.IGNORECASE)
-_CURVED = re.compile(r"\b(?:cylindric\w*|spherical|polar)\b", re.IGNORECASE)
+CURVED = re.compile(r"\b(?:cylindric\w*|spherical|polar)\b", re.IGNORECASE)
 _BRACKETED = re.compile(r"\s*[\[(]\s*([^\])]*?)\s*[\])]")
 _STAMP = re.compile(r"(\d{4}-\d\d-\d\d) (\d\d:\d\d:\d\d)")
 _ISO = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d.*")
@@ -98,7 +98,7 @@ def read_points(path: str | Path, unit: str | None = None, frame: str | None = N
     comments = [(i, match[1]) for i, line in numbered if (match := _COMMENT.fullmatch(line))]
     rows = [(i, _cells(line)) for i, line in numbered if not _COMMENT.fullmatch(line)]
     for line, said in comments:
-        if match := _CURVED.search(said):
+        if match := CURVED.search(said):
             raise TableError(Place(path, line), f"{match[0]!r}: export the points in Cartesian coordinates, x y z")
     # A header, a comment or the first line, says how many cells are names, what stands behind the coordinates, and
     # their unit.
@@ -115,7 +115,7 @@ def read_points(path: str | Path, unit: str | None = None, frame: str | None = N
         raise TableError(Place(path), "holds no points, expected lines such as: Group Point X Y Z")
     units += [(i, word) for i, said in comments if (word := _unit_in(said))]
     units = [(line, _known_unit(path, line, word)) for line, word in units]
-    frames = [(i, match[1] or match[2]) for i, said in comments if (match := _FRAME.search(said))]
+    frames = [(i, frame_of(said)) for i, said in comments if _FRAME.search(said)]
     given = None if unit is None else _known_unit(path, 0, unit)
     unit = _stated(path, "unit", units, given, "mm", LENGTHS.__getitem__)
     frame = _stated(path, "frame", frames, frame, "World", str.lower)
@@ -161,6 +161,12 @@ def _known_unit(path: Path, line: int, said: str) -> str:
     if word not in LENGTHS:
         raise TableError(Place(path, line), f"unit {said!r} is no length{did_you_mean(word, LENGTHS)}")
     return word
+
+
+def frame_of(comment: str) -> str:
+    """Return the frame that a comment says places to be in, '' where it says none."""
+    match = _FRAME.search(comment)
+    return (match[1] or match[2]) if match else ""
 
 
 def _stated(

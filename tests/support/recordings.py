@@ -71,14 +71,14 @@ def bag(folder: Path, plugin: str) -> Path:
     return path
 
 
-def mcap_json(folder: Path) -> Path:
+def mcap_json(folder: Path, kind: str = "Pose") -> Path:
     from mcap.writer import Writer
 
     path = folder / "recording.mcap"
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start()
-        schemas = [writer.register_schema(f"sensor_msgs/{one}", "jsonschema", b"{}") for one in ("JointState", "Pose")]
+        schemas = [writer.register_schema(f"sensor_msgs/{one}", "jsonschema", b"{}") for one in ("JointState", kind)]
         topics = ("/joints", "/prism")
         channels = [
             writer.register_channel(topic, "json", schema) for topic, schema in zip(topics, schemas, strict=True)

@@ -625,3 +625,53 @@ def test_rows_of_a_dh_table_are_joints_in_the_order_of_the_log_where_two_series_
     joints = tomllib.loads(found.arm or "")["robot"]["joint"]
     assert list(joints) == [*(f"A{i}" for i in range(1, 6)), "E1"]
     assert any("the rows of dh.csv are A1, A2" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("form", "head"),
+    [
+        ("{s}{d}°{m:02d}'{x:06.3f}\"", ""),
+        ("{s}{d}° {m}′ {x:.3f}″", " [deg]"),
+        ("{s}{d}d{m:02d}m{x:.3f}s", ""),
+        ("{s}{d} {m:02d} {x:06.3f}", " [deg]"),
+        ("{s}{d}:{m:02d}:{x:06.3f}", "_deg"),
+        ("{s}{d} {m:02d} {x:06.3f}", " [dms]"),
+        ("{s}{d}°{y:.6f}'", ""),
+    ],
+)
+def test_angles_may_have_minutes_and_seconds(tmp_path: Path, form: str, head: str) -> None:
+    def cell(angle: float) -> str:
+        size = abs(float(angle))
+        minutes = 60.0 * (size - int(size))
+        parts = {"d": int(size), "m": int(minutes), "x": 60.0 * (minutes - int(minutes)), "y": minutes}
+        return form.format(s="-" if angle < 0.0 else "", **parts)
+
+    lines = [f"Point;{';'.join(f'J{i}{head}' for i in range(1, 7))}"]
+    lines += [f"{name};{';'.join(map(cell, row))}" for name, row in zip(NAMES, Q, strict=True)]
+    found = intake(written(tmp_path, "\n".join(lines), EXPORTS["leica"]), 5e-5).columns
+    assert np.allclose(np.array([found[f"q_J{i}"] for i in range(1, 7)]).T, np.radians(Q), atol=1e-7)
+
+
+def test_minutes_and_seconds_need_a_header_that_says_so(tmp_path: Path) -> None:
+    log = "Point;J1 [deg];J2\n" + "\n".join(f"{name};1.5;12 34 {i:02d}" for i, name in enumerate(NAMES))
+    with pytest.raises(InputError, match=r"'J2' is '12 34 00', expected a number; degrees, minutes and seconds need a"):
+        intake(written(tmp_path, log, EXPORTS["leica"]), 5e-5, {"J2": "q_J2_deg"})
+    packed = log.replace("J2", "J2 [dms]").replace("12 34 ", "12.34")
+    with pytest.raises(InputError, match=r"'J2 \[dms\]' is in 'dms', which is not known"):
+        intake(written(tmp_path, packed, EXPORTS["leica"]), 5e-5)
+
+
+def test_a_column_may_state_the_unit(tmp_path: Path) -> None:
+    lines = EXPORTS["leica"].replace("_mm", "").replace("\t", ";").splitlines()
+
+    def read(units: Sequence[str], head: str = lines[0]) -> Sequence[float]:
+        rows = [f"{line};{unit}" for line, unit in zip(lines[1:], units, strict=True)]
+        paths = written(tmp_path, LOGS["degrees"], "\n".join([f"{head};Units", *rows]))
+        return intake(paths, 5e-5).columns["x"]
+
+    assert np.allclose(read(["mm"] * 6), 1e-3 * XYZ[:, 0])
+    with pytest.raises(InputError, match=r"export\.txt:4: 'Units' is 'inch' here and 'mm' before: export one unit"):
+        read(["mm", "mm", "inch", "mm", "mm", "mm"])
+    marked = ";".join(f"{name} [mm]" if name.strip() in "XYZ" else name for name in lines[0].split(";"))
+    with pytest.raises(InputError, match=r"is in mm, and the file's head says m: --take"):
+        read(["m"] * 6, marked)

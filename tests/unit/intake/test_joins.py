@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from armflex import load_arm
 from armflex.errors import InputError, TableError
 from armflex.intake import intake
 from armflex.intake.names import paired_names
@@ -414,7 +415,7 @@ ROWS = ("1,0,500,100,-90", "2,-90,0,550,0")
             "i,θ(i) [gon],d(i) [in],a(i) [in],α(i) [gon]",
             (f"1,0,{500 / 25.4!r},{100 / 25.4!r},-100", f"2,-100,0,{550 / 25.4!r},0"),
         ),
-        (f"{DH},mass,Remarks", ("1,0,500,100,-90,3,base", "2,-90,0,550,0,4,arm")),
+        (f"{DH},Speed,Remarks", ("1,0,500,100,-90,3,base", "2,-90,0,550,0,4,arm")),
     ],
 )
 def test_dh_tables_with_symbols_and_offsets(tmp_path: Path, header: str, rows: tuple[str, ...]) -> None:
@@ -436,6 +437,17 @@ def test_what_else_a_dh_table_says_is_read_or_refused(tmp_path: Path) -> None:
         ("type", ("P", "R"), "joint 'J1' slides"),
         ("type", ("?", "R"), r"dh.csv:2: 'type' is '\?'"),
         ("skew [deg]", ("0", "1"), "'skew .*--take 'skew"),
+        (
+            "mass",
+            ("12", "8"),
+            "'mass' is of what links weigh, and in which frame .*--take 'mass=unused', and write mass",
+        ),
+        ("CoM x", ("12", "8"), "'CoM x' is of what links weigh"),
+        ("range", ("170", "±90°"), r"dh.csv:2: 'range' is '170', expected a joint's limits"),
+        ("range", ("±2", "±1.5"), "'range' has an open unit: write it as 'range .deg.', or --take 'range=unused'"),
+        ("min [deg]", ("-170", "-90"), r"dh.csv:2: its limits are -170 and nan, expected a lower and an upper one"),
+        ("range [mm]", ("±170", "±90"), "'range .mm.' is in 'mm', and some of the joints turn"),
+        ("theta range", ("±170°", "±90°"), "'theta range' is of theta, which has a constant beside the joint's posit"),
     ):
         path.write_text("\n".join([f"{DH},{header}", *(",".join(pair) for pair in zip(ROWS, cells, strict=True))]))
         with pytest.raises(InputError, match=text):
@@ -461,6 +473,36 @@ def test_what_else_a_dh_table_says_is_read_or_refused(tmp_path: Path) -> None:
     assert found is not None
     assert '"arm/j2" = { theta_deg = -90.0, ' in found
     assert 'beta_deg = 0.5, kind = "prismatic" }' in found
+
+
+@pytest.mark.parametrize(
+    ("head", "first", "second"),
+    [
+        ("min [deg],max [deg]", "-170,170", "-90.5,45"),
+        ("qmin,qmax", "-170,170", "-90.5,45"),
+        ("lower_limit [rad],upper_limit [rad]", "-2.96705972839,2.96705972839", "-1.57952297305,0.785398163397"),
+        ("lower,upper", "-17*pi/18,17*pi/18", "-90.5°,pi/4"),
+        ("qlim [deg]", "[-170 170]", "-90.5 to 45"),
+        ("Range", "±170°", "-90.5° .. 45°"),
+    ],
+)  # fmt: skip
+def test_limits_of_a_dh_table_are_those_of_the_arm(tmp_path: Path, head: str, first: str, second: str) -> None:
+    path, rows = tmp_path / "dh.csv", log(tmp_path / "log.csv", ["P1", "P2", "P3"])
+    path.write_text(f"{DH},{head}\n{ROWS[0]},{first}\n{ROWS[1]},{second}\n")
+    (tmp_path / "arm.toml").write_text(str(intake([path, rows], None, dh="standard").arm))
+    robot = load_arm(tmp_path / "arm.toml").robot
+    assert np.allclose(np.degrees(robot.lower), [-170.0, -90.5])
+    assert np.allclose(np.degrees(robot.upper), [170.0, 45.0])
+
+
+def test_limits_of_a_slide_are_in_the_unit_of_its_d(tmp_path: Path) -> None:
+    (tmp_path / "dh.csv").write_text(f"{DH},type,min,max\n1,0,0,100,-90,P,-50,400\n{ROWS[1]},R,,\n")
+    (tmp_path / "log.csv").write_text("pose,J1 [mm],J2 [deg]\n" + "".join(f"P{i},{i},{i}\n" for i in range(3)))
+    (tmp_path / "arm.toml").write_text(
+        str(intake([tmp_path / "dh.csv", tmp_path / "log.csv"], None, dh="standard").arm)
+    )
+    robot = load_arm(tmp_path / "arm.toml").robot
+    assert np.allclose((robot.lower, robot.upper), ([-0.05, -np.inf], [0.4, np.inf]))
 
 
 @pytest.mark.parametrize("empty", ["", "nan"])
@@ -556,3 +598,192 @@ def test_the_form_of_a_dh_table_is_what_it_says(tmp_path: Path) -> None:
         assert "J2 = { theta_deg = -90.0, d_mm = 0.0, a_mm = 550.0, alpha_deg = 0.0 }" in arm
         with pytest.raises(InputError, match="--dh standard, and the table is modified DH"):
             intake([path, rows], None, dh="standard")
+
+
+def both(joints: np.ndarray, first: str, second: str, off: float, unit: str = "") -> str:
+    """Return a log of (N, 3) joints, each beside itself and `off` [rad]."""
+    factor = np.degrees(1.0) if "deg" in unit else 1.0
+    head = ["Pose", *(form.format(i) + unit for i in (1, 2, 3) for form in (first, second))]
+    rows = [",".join([f"P{n}", *(f"{factor * value:.6f}" for q in row for value in (q + off, q))])
+            for n, row in enumerate(joints, 1)]  # fmt: skip
+    return "\n".join([",".join(head), *rows])
+
+
+MOVED = np.random.default_rng(5).uniform(-1.5, 1.5, (8, 3))
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "unit", "name"),
+    [
+        ("q_cmd_{}", "q_act_{}", "", "q_1"),
+        ("q_des_{}", "q_meas_{}", "_deg", "q_1"),
+        ("q_d_{}", "q_{}", "", "q_1"),
+        ("q_desired{}", "q_measured{}", " [deg]", "q_1"),
+        ("q_ref_{}", "q_{}", " [rad]", "q_1"),
+        ("q_J{}_cmd", "q_J{}", "", "q_J1"),
+        ("target_q_{}", "actual_q_{}", " [deg]", "q_q_1"),  # counted from 1, so none of Universal Robots
+    ],
+)
+def test_what_was_commanded_is_no_joint_beside_what_was_reached(
+    tmp_path: Path, first: str, second: str, unit: str, name: str
+) -> None:
+    (tmp_path / "log.csv").write_text(both(MOVED, first, second, 0.01, unit))
+    points = export(tmp_path / "export.csv", [f"P{i}" for i in range(1, 9)], range(1, 9))
+    found = intake([tmp_path / "log.csv", points], 5e-5).columns
+    joints = [column for column in found if column.startswith("q_")]
+    assert len(joints) == 3 and joints[0] == name
+    assert np.allclose(np.array([found[column] for column in joints]).T, MOVED, atol=1e-6)
+
+
+@pytest.mark.parametrize(("first", "second"), [("q_motor_{}", "q_link_{}"), ("q_in_{}", "q_out_{}")])
+def test_joints_that_stand_there_twice_are_asked_about(tmp_path: Path, first: str, second: str) -> None:
+    (tmp_path / "log.csv").write_text(both(MOVED, first, second, 0.01))
+    points = export(tmp_path / "export.csv", [f"P{i}" for i in range(1, 9)], range(1, 9))
+    with pytest.raises(InputError, match=r"nearly the same in every row, and 2 more pairs are: .* --take 'q_\w+_1=unu"):
+        intake([tmp_path / "log.csv", points], 5e-5)
+    left = {first.format(i): "unused" for i in (1, 2, 3)}
+    assert second.format(1) in intake([tmp_path / "log.csv", points], 5e-5, left).columns
+    kept = {second.format(i): f"{second.format(i)}_rad" for i in (1, 2, 3)}
+    assert sum(name.startswith("q_") for name in intake([tmp_path / "log.csv", points], 5e-5, kept).columns) == 6
+    (tmp_path / "log.csv").write_text(both(MOVED[:, :1] + np.zeros(3), first, first + "b", 2.0))  # all move as one
+    assert sum(name.startswith("q_") for name in intake([tmp_path / "log.csv", points], 5e-5).columns) == 6
+
+
+@pytest.mark.parametrize("header", ["Target", "Label", "No.", "Station", "Bezeichnung", "Cible", "Messung", "#"])
+@pytest.mark.parametrize("form", ["P{}", "{}"])
+@pytest.mark.parametrize("where", ["log", "export", "both"])
+def test_names_in_a_column_of_any_name_are_those_of_rows(tmp_path: Path, header: str, form: str, where: str) -> None:
+    """They were left out, and the files joined row by row."""
+    names = [form.format(i) for i in MIXED]
+    if where == "export":
+        rows = log(tmp_path / "log.csv", [f"P{i}" for i in range(1, COUNT + 1)])
+        expected = 1e-3 * np.arange(1, COUNT + 1)
+    else:
+        rows = log(tmp_path / "log.csv", names, header)
+        expected = 1e-3 * np.array(MIXED)
+    order = MIXED if where == "export" else range(COUNT, 0, -1)
+    points = export(tmp_path / "export.csv", [form.format(i) if where != "log" else f"P{i}" for i in order], order)
+    points.write_text(points.read_text().replace("Name", "Name" if where == "log" else header))
+    assert intake([rows, points], 5e-5).columns["x"] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("form", ["{}", "P{}"])
+def test_a_count_of_rows_in_an_order_of_its_own_is_asked_about(tmp_path: Path, form: str) -> None:
+    rows = log(tmp_path / "log.csv", [form.format(i) for i in MIXED], "Run")
+    points = tmp_path / "export.csv"
+    points.write_text("X [mm],Y [mm],Z [mm]\n" + "".join(f"{i},0,5\n" for i in MIXED))
+    with pytest.raises(TableError, match=r"has no names, and .*'Run=unused' joins them row by row"):
+        intake([rows, points], 5e-5)
+    assert intake([rows, points], 5e-5, {"Run": "unused"}).columns["x"] == pytest.approx(1e-3 * np.array(MIXED))
+    warm = log(tmp_path / "log.csv", [str(i) for i in MIXED], "temperature")  # no count
+    assert intake([warm, points], 5e-5).columns["temperature"] == list(map(float, MIXED))
+
+
+def test_clocks_at_which_points_are_equally_late_count_before_those_as_they_are(tmp_path: Path) -> None:
+    """The first pose was not measured, and the tracker's clock began with the second; a hand is not that punctual."""
+    at = np.cumsum(20.0 + np.random.default_rng(3).uniform(0.0, 9.0, COUNT))
+    rows = "".join(f"{time:.2f},{i},-90\n" for i, time in enumerate(at, 1))
+    (tmp_path / "log.csv").write_text(f"time,J1 [deg],J2 [deg]\n{rows}")
+    points = tmp_path / "export.csv"
+    points.write_text(
+        "time,X [mm],Y [mm],Z [mm]\n" + "".join(f"{at[i] - at[1]:.2f},{i + 1},0,5\n" for i in range(1, 12))
+    )
+    found = intake([tmp_path / "log.csv", points], 5e-5)
+    assert [*found.columns["x"]] == ["", *(pytest.approx(1e-3 * i) for i in range(2, 13))]
+    assert f"the clocks are {-at[1]:+.2f} s apart" in " ".join(found.notes)
+    late = np.random.default_rng(4).uniform(0.0, 4.0, COUNT)
+    points.write_text(
+        "time,X [mm],Y [mm],Z [mm]\n" + "".join(f"{at[i] + late[i]:.2f},{i + 1},0,5\n" for i in range(1, 12))
+    )
+    assert [*intake([tmp_path / "log.csv", points], 5e-5).columns["x"]] == [*found.columns["x"]]
+
+
+@pytest.mark.parametrize("word", ["Nominal", "Soll", "Reference"])
+def test_places_that_were_to_be_are_none_that_were_measured(tmp_path: Path, word: str) -> None:
+    rows = log(tmp_path / "log.csv", [f"P{i}" for i in range(1, 5)])
+    points = export(tmp_path / "export.csv", [f"P{i}" for i in range(1, 5)], range(1, 5), ",Type",
+                    [",Measured", f",{word}", ",Measured", ",Measured"])  # fmt: skip
+    with pytest.raises(InputError, match=rf"export\.csv:3: 'Type' is '{word}' in 1 of 4 rows: export measured"):
+        intake([rows, points], 5e-5)
+    assert len(intake([rows, points], 5e-5, {"Type": "unused"}).columns["x"]) == 4
+
+
+@pytest.mark.parametrize("column", ["Station", "WCS"])
+def test_one_reading_from_another_station_is_asked_about(tmp_path: Path, column: str) -> None:
+    rows = log(tmp_path / "log.csv", [f"P{i}" for i in range(1, 5)])
+    points = export(tmp_path / "export.csv", [f"P{i}" for i in range(1, 5)], range(1, 5), f",{column}",
+                    [",A", ",A", ",A", ",B"])  # fmt: skip
+    with pytest.raises(InputError, match=f"'{column}' says that places are .*--take '{column}=session'"):
+        intake([rows, points], 5e-5)
+
+
+def test_r_and_d_of_khalils_tables_are_d_and_a(tmp_path: Path) -> None:
+    """`d` is along x and `r` along z; elsewhere `r` is along x."""
+    path, rows = tmp_path / "dh.csv", log(tmp_path / "log.csv", ["P1", "P2", "P3"])
+
+    def described(head: str, of_rows: Sequence[str], form: str | None, title: str = "") -> str:
+        path.write_text("\n".join([*filter(None, [title]), f"j,{head}", *of_rows]))
+        return str(intake([path, rows], None, dh=form).arm)
+
+    first = "J1 = { theta_deg = 10.0, d_mm = 500.0, a_mm = 100.0, alpha_deg = -90.0 }"
+    khalil = "alpha [deg],d [mm],theta [deg],r [mm]", ("1,-90,100,10,500", "2,0,550,-90,0")
+    for form in (None, "modified"):
+        assert first in described(*khalil, form) and 'dh = "modified"' in described(*khalil, form)
+    with pytest.raises(
+        InputError, match=r"--dh standard, and the table is modified DH \(alpha, d, theta, r are Khalil"
+    ):
+        described(*khalil, "standard")
+    other = "d [mm],theta [deg],r [mm],alpha [deg]", ("1,500,10,100,-90", "2,0,-90,550,0")
+    assert first in described(*other, "standard")
+    with pytest.raises(InputError, match=r"'r .mm.' is along x in some texts, and along z in Khalil's: name columns a"):
+        described(*other, "modified")
+    turned = "theta [deg],r [mm],d [mm],alpha [deg]", ("1,10,500,100,-90", "2,-90,0,550,0")
+    assert first in described(*turned, None, "Parameters of Khalil and Kleinfinger")
+    with pytest.raises(InputError, match=r"'alpha .rad.' is 90 rad, beyond a turn: write it as 'alpha .deg.'"):
+        described(other[0].replace("alpha [deg]", "alpha [rad]"), other[1], "standard")
+
+
+def test_exports_in_two_frames_are_no_campaign(tmp_path: Path) -> None:
+    rows = log(tmp_path / "log.csv", [f"P{i}" for i in range(1, 5)])
+    paths = [tmp_path / "first.txt", tmp_path / "second.txt"]
+
+    def write(*frames: str) -> None:
+        for path, frame, of_rows in zip(paths, frames, ((1, 2), (3, 4)), strict=True):
+            path.write_text(f"// Units: mm\n// Frame: {frame}\n" + "".join(f"A::G::P{i}, {i}, 0, 5\n" for i in of_rows))
+
+    write("A::WORLD", "A::world")
+    assert intake([rows, *paths], 5e-5).columns["x"] == pytest.approx([1e-3, 2e-3, 3e-3, 4e-3])
+    write("A::WORLD", "A::BASE")
+    with pytest.raises(InputError, match=r"comments say .* 'A::WORLD' in first\.txt, 'A::BASE' in second\.txt: export"):
+        intake([rows, *paths], 5e-5)
+
+
+@pytest.mark.parametrize("said", ["Cylindrical", "coordinate system: polar"])
+def test_points_on_cylinders_are_no_x_y_z(tmp_path: Path, said: str) -> None:
+    rows = log(tmp_path / "log.csv", [f"P{i}" for i in range(1, 5)])
+    (tmp_path / "points.txt").write_text(
+        f"// Units: mm\n// {said}\n" + "".join(f"A::P{i}, {i}, 30, 5\n" for i in range(5))
+    )
+    with pytest.raises(InputError, match=r"points\.txt: '(Cyl|pol)\w*': export the points in Cartesian coordinates"):
+        intake([rows, tmp_path / "points.txt"], 5e-5)
+
+
+def test_names_of_which_few_are_shared_are_not_joined(tmp_path: Path) -> None:
+    """P10 is the second row of the log, and the tenth point."""
+    rows = log(tmp_path / "log.csv", [f"P{10 * i}" for i in range(COUNT)])
+    points = export(tmp_path / "export.csv", [f"P{i}" for i in range(COUNT)], range(COUNT))
+    with pytest.raises(
+        TableError, match=r"only 2 of 12 rows of log\.csv have a point of their name, and 10 points have"
+    ):
+        intake([rows, points], 5e-5)
+
+
+def test_rows_of_an_export_in_another_unit_are_named(tmp_path: Path) -> None:
+    rows = log(tmp_path / "log.csv", [f"P{i}" for i in range(COUNT)])
+    places = np.random.default_rng(3).uniform(500.0, 2500.0, (COUNT, 3))
+    places[[4, 5, 9]] /= 1e3
+    points = tmp_path / "export.csv"
+    cells = [f"P{i},{x:.7f},{y:.7f},{z:.7f}" for i, (x, y, z) in enumerate(places)]
+    points.write_text("\n".join(["Name,X [mm],Y [mm],Z [mm]", *cells]))
+    with pytest.raises(TableError, match=r"export\.csv:6: x y z: 3 of 12 rows are about 1000 times .*lines 6, 7, 11"):
+        intake([rows, points], 5e-5)

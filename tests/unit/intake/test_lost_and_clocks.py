@@ -14,8 +14,8 @@ from support.recordings import NAMES, POSES, SEEN, TT, TURNED, XYZ, Q, T, bag, c
 from armflex.errors import InputError, ManyErrors, TableError
 from armflex.intake import intake
 from armflex.intake.campaign import Intake
-from armflex.intake.lost import lost
 from armflex.intake.streams import offset
+from armflex.measured.lost_places import lost
 
 MM = 1e3 * SEEN
 
@@ -463,7 +463,7 @@ def test_noughts_before_a_driver_knows_its_joints_are_left_out(tmp_path: Path) -
     fits(found)
     assert any("have all joints at 0, and jump" in note for note in found.notes)
     mixed = np.where((np.arange(len(T)) % 10 == 3)[:, None], 0.7, Q)
-    with pytest.raises(TableError, match=r"joints.csv:\d+: .*: two programs wrote it"):
+    with pytest.raises(TableError, match=r"joints.csv:\d+: .* apart, to and fro: two programs or instruments wrote"):
         intake([log(tmp_path, q=mixed), motive(tmp_path)], 5e-5)
 
 
@@ -505,11 +505,8 @@ def test_three_sources_of_a_place_and_more_are_an_error(tmp_path: Path, places: 
         intake([log(tmp_path), export(tmp_path, rows)], 5e-5)
 
 
-@pytest.mark.parametrize(("seed", "poses"), [(3, 14), (36, 10), (1, 9), (9, 9)])
-def test_clocks_that_agree_as_they_are_are_evidence_beside_motions_that_take_equally_long(
-    seed: int, poses: int
-) -> None:
-    """Motions are so few that six joints explain many of them at a wrong lag, too."""
+def equally_long(seed: int, poses: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return times, joints and places of an arm of which each motion and each stand takes as long as all others."""
     rng, step, sizes = np.random.default_rng(seed), 0.02, [1.8, 0.9, 0.9, 1.8, 1.2, 1.8]
     q = rng.uniform(-1.0, 1.0, (poses, 6)) * sizes
     rows = [np.tile(q[0], (60, 1))]
@@ -522,8 +519,25 @@ def test_clocks_that_agree_as_they_are_are_evidence_beside_motions_that_take_equ
     height = 0.6 * np.sin(b) + 0.5 * np.sin(b + c) + 0.15 * np.sin(b + c + e)
     side = 0.1 * np.sin(e) * np.sin(d) + 0.05 * np.sin(f)
     places = np.column_stack([reach * np.cos(a) - side * np.sin(a), reach * np.sin(a) + side * np.cos(a), height])
-    time = step * np.arange(len(joints))
+    return step * np.arange(len(joints)), joints, places
+
+
+@pytest.mark.parametrize(("seed", "poses"), [(3, 14), (36, 10), (1, 9), (9, 9)])
+def test_clocks_that_agree_as_they_are_are_evidence_beside_motions_that_take_equally_long(
+    seed: int, poses: int
+) -> None:
+    """Motions are so few that six joints explain many of them at a wrong lag, too."""
+    time, joints, places = equally_long(seed, poses)
     assert offset(time, joints, time + 0.03, places) == pytest.approx(0.03, abs=0.03)
+
+
+@pytest.mark.parametrize(("seed", "poses", "begins"), [(1, 9, 0), (0, 9, 110), (4, 9, 110), (0, 12, 110), (2, 24, 220)])
+def test_clocks_that_are_whole_cycles_apart_are_told_by_how_far_places_are_from_one_another(
+    seed: int, poses: int, begins: int
+) -> None:
+    """A motion and a stand take 2.2 s, and the tracker begins where it begins."""
+    time, joints, places = equally_long(seed, poses)
+    assert offset(time, joints, time[begins:] - 2.2, places[begins:]) == pytest.approx(-2.2, abs=0.03)
 
 
 def test_a_remark_that_a_target_was_lost_is_asked_about(tmp_path: Path) -> None:

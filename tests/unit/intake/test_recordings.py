@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from support.recordings import NAMES, PAUSES, POSES, RECORDED, SHIFT, TT, Q, T, log, motive, tip
+from support.recordings import NAMES, PAUSES, POSES, RECORDED, SEEN, SHIFT, TT, Q, T, bag, log, mcap_json, motive, tip
 
 from armflex.errors import InputError, UnsupportedError
 from armflex.intake import intake
@@ -153,3 +153,71 @@ def test_motions_that_take_equally_long_are_distinguished_by_their_sizes(other: 
             offset(time, q, time + 0.4, tip(q))
     else:
         assert offset(time, q, time + 0.4, tip(q)) == pytest.approx(0.4, abs=0.02)
+
+
+@pytest.mark.parametrize("kind", ["PoseArray", "MarkerArray"])
+def test_a_target_in_messages_of_another_type_is_said(tmp_path: Path, kind: str) -> None:
+    """Joints alone are a path, and nobody said that the target was left out."""
+    path = mcap_json(tmp_path, kind)
+    found = intake([path], None)
+    assert f"topics of others: /prism ({kind})" in " ".join(found.notes) and "x" not in found.columns
+    with pytest.raises(InputError, match=r"--sigma, and .* has no place of a type that is read, but topics of others"):
+        intake([path], 5e-5)
+
+
+def test_an_orientation_that_nobody_set_is_not_measured(tmp_path: Path) -> None:
+    path = bag(tmp_path, "MCAP")
+    assert "rx" not in intake([path], 5e-5).columns
+    with pytest.raises(InputError, match=r"--sigma-r, and the orientation .* is 0, 0, 0, 1 in every row, to the last"):
+        intake([path], 5e-5, sigma_r=1e-3)
+
+
+def test_a_target_that_hardly_moves_while_joints_turn_is_in_another_unit(tmp_path: Path) -> None:
+    path = tmp_path / "tracker.csv"
+    rows = "".join(f"{t:.3f},{x:.7f},{y:.7f},{z:.7f}\n" for t, (x, y, z) in zip(TT, SEEN, strict=True))
+    path.write_text(f"time,x_mm,y_mm,z_mm\n{rows}")
+    with pytest.raises(
+        InputError, match=r"'x_mm' and the others in mm move over 1\.\d+ mm while 3 joints turn by more"
+    ):
+        intake([log(tmp_path), path], 5e-5)
+    found = intake([log(tmp_path), path], 5e-5, {f"{axis}_mm": f"{axis}_m" for axis in "xyz"})
+    assert np.allclose(np.array([found.columns[axis] for axis in "xyz"]).T, tip(POSES), atol=4e-5)
+    kept = intake([log(tmp_path), path], 5e-5, {f"{axis}_mm": f"{axis}_mm" for axis in "xyz"})
+    assert np.allclose(np.array([kept.columns[axis] for axis in "xyz"]).T, 1e-3 * tip(POSES), atol=4e-8)
+
+
+def test_clocks_that_may_be_apart_in_several_ways_are_named(tmp_path: Path) -> None:
+    """It drives to and fro, and each motion and each pause takes as long as all others."""
+    q = np.tile(np.random.default_rng(8).uniform(-1.5, 1.5, (2, 3)), (4, 1))[:7]
+    at = np.cumsum(np.tile([2.0, 1.0], 7)) - 2.0
+    time = np.arange(0.0, at[-2] + 2.0, 0.02)
+    values = np.column_stack([np.interp(time, at, column) for column in np.repeat(q, 2, axis=0).T])
+    seen = zip(time[350:800], tip(values[350:800]), strict=True)
+    rows = "".join(f"{t - 3.0:.3f},{x:.5f},{y:.5f},{z:.5f}\n" for t, (x, y, z) in seen)
+    (tmp_path / "tracker.csv").write_text(f"time,x_m,y_m,z_m\n{rows}")
+    paths = [log(tmp_path, time, values), tmp_path / "tracker.csv"]
+    with pytest.raises(InputError, match=r"of their clocks, .*-3\.00 s.*: record uneven pauses, or put the times of"):
+        intake(paths, 5e-5)
+
+
+@pytest.mark.parametrize("cells", [("none", "p10"), ("0", "10")])
+def test_a_load_that_changes_while_the_arm_stands_parts_the_stand(tmp_path: Path, cells: tuple[str, str]) -> None:
+    """Its row had the first payload and the mean of both places."""
+    name = "payload" if cells[0] == "none" else "payload_mass"
+    ends = np.cumsum(1.2 + PAUSES)
+    change = float(ends[3] - 0.5 * PAUSES[3])
+    lines = log(tmp_path).read_text().splitlines()
+    loaded = [
+        f"{lines[0]},{name}",
+        *(f"{line},{cells[int(t >= change)]}" for line, t in zip(lines[1:], T, strict=True)),
+    ]
+    (tmp_path / "joints.csv").write_text("\n".join(loaded))
+    sagged = 1e3 * SEEN - np.where(change <= TT, 2.0, 0.0)[:, None] * [0.0, 0.0, 1.0]
+    rows = [f"{t:.3f},{x:.4f},{y:.4f},{z:.4f}" for t, (x, y, z) in zip(TT, sagged, strict=True)]
+    (tmp_path / "tracker.csv").write_text("\n".join(["time,x_mm,y_mm,z_mm", *rows]))
+    found = intake([tmp_path / "joints.csv", tmp_path / "tracker.csv"], 5e-5)
+    states = cells if cells[0] == "none" else (0.0, 10.0)
+    assert [*found.columns[name]] == [states[int(i > 3)] for i in range(10)]
+    expected = tip(np.insert(POSES, 3, POSES[3], axis=0))[:, 2] - np.where(np.arange(10) > 3, 2e-3, 0.0)
+    assert np.allclose(found.columns["z"], expected, atol=5e-5)
+    assert any(f"stands of joints.csv are parted where '{name}' changes" in note for note in found.notes)

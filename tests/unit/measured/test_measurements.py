@@ -258,6 +258,29 @@ def test_a_lost_beam_or_a_pose_at_the_origin_is_no_other_unit(heavy: Arm, tmp_pa
     assert not codes(read_measurements(written(tmp_path, rows), heavy))
 
 
+@pytest.mark.parametrize("number", [0.0, -9999.0, -3.697314e28])
+def test_what_an_instrument_writes_again_and_again_where_it_reads_nothing_is_no_place(
+    heavy: Arm, tmp_path: Path, number: float
+) -> None:
+    rows = campaign(30)
+    for i in (4, 9, 17):
+        rows[i] |= dict.fromkeys("xyz", number)
+    with pytest.raises(TableError, match=r"rows.csv:6: x, y, z are .* leave the cells empty \(3 of 30 .*6, 11, 19\)"):
+        read_measurements(written(tmp_path, rows), heavy)
+    rows = campaign(30)
+    rows[4] |= dict.fromkeys("xyz", 0.0)  # where a frame was set up
+    assert not codes(read_measurements(written(tmp_path, rows), heavy))
+    for row in rows:  # a target that is put into one socket
+        row |= dict.fromkeys("xyz", 0.0)
+    assert read_measurements(written(tmp_path, rows), heavy).measured.all()
+
+
+def test_two_statements_of_sigma_are_refused(heavy: Arm, tmp_path: Path) -> None:
+    rows = [row | dict.fromkeys(("sigma_x", "sigma_y", "sigma_z"), 1e-4) for row in campaign()]
+    with pytest.raises(TableError, match="has sigma beside sigma_x, sigma_y, sigma_z: leave one out"):
+        read_measurements(written(tmp_path, rows), heavy)
+
+
 def test_degrees_among_radians_are_named(heavy: Arm, tmp_path: Path) -> None:
     rows = campaign()
     rows[6]["q_J2"] = np.degrees(rows[6]["q_J2"])
