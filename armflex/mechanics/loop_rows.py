@@ -161,7 +161,9 @@ class LoopSolver:
         if settled:
             engine.set_laws(laws, len(q))
             engine.set_loads(links, wrenches, NO_CHANGES, len(q))
-        return engine.rest(q, settled, first, free, self._idle, into)
+        answered = engine.rest(q, settled, first, free, self._idle, into)
+        engine.forget()  # the next question is about other rows
+        return answered
 
     def rest(
         self, q: Array, row: Row, alone: Callable[[int], None] | None = None, into: Rested | None = None

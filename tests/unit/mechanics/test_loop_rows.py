@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.fixtures import ROBOTS
 from support.linearised import linearised_rows
 from support.machines import CRANE, MACHINES, PARALLELOGRAM, UNEVEN, Hinge, Machine, poses, skewed
 from support.sprung_arm import BALANCER, STRUT, TIE, sprung
@@ -271,3 +272,22 @@ def test_a_law_that_is_not_symmetric_is_solved_as_it_is(name: str, tmp_path: Pat
     assert np.abs(newton.twists).max() > 1e-5
     np.testing.assert_allclose(exact.twists, newton.twists, rtol=0, atol=1e-12)
     np.testing.assert_allclose(arm.deflection(q[None], wrenches=LOADS[1:]).twists[0], newton.twists, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("split", ["abab", "aabb", "abbaab", "aaab", "baaa"])
+def test_payloads_that_change_between_rows_are_those_of_each_row(split: str) -> None:
+    """The oil's stiffness differs by row, and what is asked of all rows follows what was asked of one payload's."""
+    arm, payloads = (
+        armflex.load_arm(ROBOTS / "hybrid_lifter" / "arm.toml"),
+        [{"a": "none", "b": "t125"}[letter] for letter in split],
+    )
+    rng = np.random.default_rng(3)
+    q = np.array([0.1, 0.1, 1.7, 0.95, 0.95]) + rng.uniform(-0.05, 0.05, (len(split), 5))
+    many, alone = arm.deflection(q, payloads), [replace(arm).deflection(*row) for row in zip(q, payloads, strict=True)]
+    assert np.ptp([np.linalg.norm(one.displacement) for one in alone]) > 1e-3
+    np.testing.assert_allclose(many.displacement, [one.displacement for one in alone], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(many.pose, [one.pose.homogeneous for one in alone], rtol=0, atol=1e-12)
+    covariances = np.array([one.covariance for one in alone])
+    np.testing.assert_allclose(many.covariance, covariances, rtol=0, atol=1e-9 * np.abs(covariances).max())
+    loads = np.array([one.drive_loads for one in alone])
+    np.testing.assert_allclose(many.drive_loads, loads, rtol=0, atol=1e-9 * np.abs(loads).max())
