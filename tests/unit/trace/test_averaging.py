@@ -15,6 +15,7 @@ from armflex.estimate.posterior import certainty_of
 from armflex.laws.effects.backlash import BACKLASH
 from armflex.laws.effects.candidate import Candidate
 from armflex.laws.effects.compliance import COMPLIANCE
+from armflex.laws.effects.friction_windup import FRICTION_WINDUP
 from armflex.laws.effects.link_mass import LINK_MASS
 from armflex.laws.effects.location import Location
 from armflex.trace.averaging import Averaged, averaged, beside_calibrated
@@ -106,6 +107,18 @@ def test_a_rival_that_changes_the_model_is_in_the_arm(fitted: State) -> None:
     averaged_arm, heavy, light = (arm.deflection(context.row.q[0], covariates=came).displacement for arm in arms)
     np.testing.assert_allclose(averaged_arm, heavy, rtol=1e-12)
     assert np.linalg.norm(heavy - light) > 1e-4
+
+
+def test_a_rival_with_an_amplitude_that_moves_nothing_has_a_variance(fitted: State) -> None:
+    """Wind-up by load of a joint that nothing loads: a file in which a variance is zero would be refused."""
+    windup = Candidate(FRICTION_WINDUP, Location("elbow_joint", "ry", ("approach_elbow_joint",), (0, 1)), ())
+    rival = EffectBlock(windup.effect(np.zeros(2)), (), fitted.context, len(fitted.effects), np.full(2, np.inf))
+    values, spread = np.append(fitted.fit.values, [1e-4, 0.0]), np.zeros((len(fitted.fit.values) + 2,) * 2)
+    spread[-2, -2] = 1e-10
+    average = Averaged(fitted, (rival,), values, spread, np.zeros(len(values)))
+    known = certainty_of(fitted.fit)
+    stated = average.certainty(known).among(rival.parameters)
+    assert stated is not None and stated[0, 0] == pytest.approx(1e-10) and 0.0 < stated[1, 1] < 1e-20
 
 
 def test_a_rival_that_does_what_was_found_does_makes_readings_no_less_certain(fitted: State) -> None:
