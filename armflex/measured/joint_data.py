@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -97,21 +97,17 @@ def read_joint_data(path: Tabular, read_as: Mapping[str, str] | None = None) -> 
     """Read a joint_data.csv, or a data frame of the same columns.
 
     Args:
-        path: The file or data frame: columns fx fy fz [mx my mz] and dx dy dz [rx ry rz], or Fx .. Rz, each with its
-            unit as a suffix, or in brackets.
+        path: The file or data frame: columns fx fy fz [mx my mz] and dx dy dz [rx ry rz], each with its
+            unit as a suffix, or in brackets; names and units in capitals or small.
         read_as: Units to be read as others, such as {"mm": "um"}, where a header is probably wrong.
 
     Raises:
         TableError: A column is missing, misspelt or not numeric, or there are no more rows than components.
         UnitError: A column has no unit, or `read_as` names one that is not in the header or not of its kind.
     """
-    every = KINDS | {name.capitalize(): kind for name, kind in KINDS.items()}
-    table, read_as = read_table(path, every), read_as or {}
-    small = {name: name.lower() for name in table.columns if name.lower() in KINDS.keys() - table.columns}
-    table = replace(table, columns={small.get(name, name): column for name, column in table.columns.items()})
-    _refuse_one_axis(
-        table if {*WRENCH_NAMES[:3], *TWIST_NAMES[:3]} <= table.columns.keys() else read_table(path, every | ONE_AXIS)
-    )
+    table, read_as = read_table(path, KINDS, any_case=True), read_as or {}
+    whole = {*WRENCH_NAMES[:3], *TWIST_NAMES[:3]} <= table.columns.keys()
+    _refuse_one_axis(table if whole else read_table(path, KINDS | ONE_AXIS, any_case=True))
     others = [name for name in table.columns if name not in KINDS]
     for name in others:
         if (meant := _meant(name)) is not None:
@@ -156,7 +152,7 @@ def as_joint_data(data: JointData | Tabular) -> JointData:
 
 def _one_axis(table: Table) -> tuple[str, str] | None:
     """Return the load and the deflection of a table that loads one axis alone, None of another table."""
-    kinds = {name: (KINDS | ONE_AXIS)[name.lower()] for name in table.columns if name.lower() in KINDS | ONE_AXIS}
+    kinds = {name: kind for name, kind in (KINDS | ONE_AXIS).items() if name in table.columns}
     both = [
         [name for name, kind in kinds.items() if kind in some] for some in (("force", "moment"), ("length", "angle"))
     ]
@@ -167,15 +163,16 @@ def _one_axis(table: Table) -> tuple[str, str] | None:
     ((load,), (deflection,)) = both
     pairs: dict[str, str] = dict(zip(WRENCH_NAMES, TWIST_NAMES, strict=True))
     same = (kinds[load] == "moment") == (kinds[deflection] == "angle")
-    return (load, deflection) if same and pairs.get(load.lower(), deflection.lower()) == deflection.lower() else None
+    return (load, deflection) if same and pairs.get(load, deflection) == deflection else None
 
 
 def _refuse_one_axis(table: Table) -> None:
     """Raise `TableError` where a table loads one axis alone, saying what its compliance is and how to declare it."""
     if (found := _one_axis(table)) is None:
         return
-    (pull, gives), (load, deflection) = (table.numbers(name) for name in found), (name.lower() for name in found)
-    joints, said = np.array(table.texts("joint") if "joint" in table.columns else ["NAME"] * len(table)), []
+    (pull, gives), (load, deflection) = (table.numbers(name) for name in found), found
+    named = next((name for name in table.columns if name.lower() == "joint"), None)
+    joints, said = np.array(table.texts(named) if named else ["NAME"] * len(table)), []
     for joint in dict.fromkeys(joints.tolist()):
         x, y = pull[joints == joint], gives[joints == joint]
         if len(set(x.tolist())) < 3:

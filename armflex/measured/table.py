@@ -67,6 +67,9 @@ CLOCKS = ("hms", "dms")
 
 SEXAGESIMAL = re.compile(r"([-+]?)([0-9]{1,3})[:\s]+([0-5]?[0-9])(?:[:\s]+([0-5]?[0-9](?:\.[0-9]*)?))?")
 
+TITLES = 20
+"""Lines among which the header is."""
+
 BEYOND = f"beyond {LARGEST:g}"
 """What is said of a number that is larger than any."""
 
@@ -195,12 +198,13 @@ class Table:
             raise TableError(Place(self.path, 1), f"has no column {listing(map(repr, missing))}{hint} ({seen})")
 
 
-def read_table(path: Tabular, kinds: Mapping[str, str]) -> Table:
+def read_table(path: Tabular, kinds: Mapping[str, str], any_case: bool = False) -> Table:
     """Read a CSV file with a header row, one of Parquet or Excel, or a data frame, whose nulls are empty cells.
 
     Args:
         path: The file; or a pandas data frame, whose columns are named as the file's.
         kinds: Kind of quantity ('length', 'angle', ...; see `UNITS`) of each column that may carry a unit suffix.
+        any_case: Whether a header may have these names, which are small, and units in capitals or small.
 
     Raises:
         TableError: Missing, empty, too large, no text, without header, a duplicate column, a row of the wrong length, a
@@ -210,13 +214,13 @@ def read_table(path: Tabular, kinds: Mapping[str, str]) -> Table:
         return path
     if not isinstance(path, str | Path):
         frame, rows = _frame_rows(path)
-        return next(_tables(frame, kinds, rows, None))
-    return next(_tables(Path(path), kinds, iter(list(_rows(Path(path), None))), None))
+        return next(_tables(frame, kinds, rows, None, any_case))
+    return next(_tables(Path(path), kinds, iter(list(_rows(Path(path), None, kinds))), None, any_case))
 
 
 def read_pieces(path: str | Path, kinds: Mapping[str, str], rows: int) -> Iterator[Table]:
     """Yield a table some rows at a time, as `read_table` reads it whole; one without rows where the file has none."""
-    yield from _tables(Path(path), kinds, _rows(Path(path), rows), rows)
+    yield from _tables(Path(path), kinds, _rows(Path(path), rows, kinds), rows)
 
 
 def _frame_rows(table: DataFrame) -> tuple[Frame, Iterator[tuple[int, list[str]]]]:
@@ -249,7 +253,11 @@ def _cell(column: str, value: object) -> str:
 
 
 def _tables(
-    path: Path | Frame, kinds: Mapping[str, str], rows: Iterator[tuple[int, list[str]]], most: int | None
+    path: Path | Frame,
+    kinds: Mapping[str, str],
+    rows: Iterator[tuple[int, list[str]]],
+    most: int | None,
+    any_case: bool = False,
 ) -> Iterator[Table]:
     _, header = next(rows, (0, None))
     if header is None:
@@ -269,7 +277,7 @@ def _tables(
         columns: dict[str, Column] = {}
         texts = list(zip(*(cells for _, cells in body), strict=True)) or [()] * len(header)
         for name, cells in zip(header, texts, strict=True):
-            base, unit, factor = _split_unit(path, name, kinds)
+            base, unit, factor = _split_unit(path, name, kinds, any_case)
             if base in columns:
                 raise TableError(Place(path, 1), f"two columns mean {base!r}: {columns[base].header!r} and {name!r}")
             columns[base] = Column(name, unit, factor, tuple(map(in_decimals, cells)) if unit in CLOCKS else cells)
@@ -279,15 +287,20 @@ def _tables(
             return
 
 
-def _rows(path: Path, most: int | None) -> Iterator[tuple[int, list[str]]]:
-    """Yield the line and the cells of every row that is not blank, header first."""
+def _rows(path: Path, most: int | None, kinds: Mapping[str, str]) -> Iterator[tuple[int, list[str]]]:
+    """Yield the line and the cells of every row that is not blank, header first; titles before it are left out."""
     if path.suffix.lower() in parquet.SUFFIXES:
         yield from parquet.parquet_rows(path, most)
         return
     if path.suffix.lower() in spreadsheet.SUFFIXES:
-        yield from spreadsheet.sheet_rows(path)
+        sheet = spreadsheet.sheet_rows(path)
+        begin = list(islice(sheet, TITLES))
+        yield from chain(begin[_titles(path, [cells for _, cells in begin], kinds) :], sheet)
         return
-    lines, first, before, marked = text_lines(path), "", 0, False
+    source, marked = text_lines(path), False
+    begin = list(islice(source, TITLES))
+    before = _titles(path, [re.split("[,;\t]", line) for line in begin], kinds)
+    lines, first = chain(begin[before:], source), ""
     while not first.strip() and (line := next(lines, None)) is not None:
         first, before = line, before + 1
         if first.strip().lower() in ("sep=,", "sep=;"):  # what Excel says to itself
@@ -323,6 +336,18 @@ def _rows(path: Path, most: int | None) -> Iterator[tuple[int, list[str]]]:
             yield line, cells
     except csv.Error as error:
         raise TableError(Place(path, reader.line_num + before - 1), f"is not CSV: {error}") from None
+
+
+def _titles(path: Path, rows: Sequence[Sequence[str]], kinds: Mapping[str, str]) -> int:
+    """Return how many rows a file begins with before its header: the first that names two columns, none before any."""
+    names = [[cell.strip().strip('"') for cell in cells] for cells in rows]
+    counts = [sum(not {name.lower(), split_header(name)[0].lower()}.isdisjoint(kinds) for name in row) for row in names]
+    header = next((row for row, count in enumerate(counts) if count > 1), 0)
+    if any(counts[:header]):
+        return 0
+    if title := next(filter(None, map(" ".join, names[:header])), ""):
+        warn([Flag("title", f"{Place(path, 1)}: not read, a title before the header: {shown(title, 40)}")])
+    return header
 
 
 def _with_points(path: Path, line: int, cells: list[str], mark: str) -> tuple[list[str], str]:
@@ -402,14 +427,18 @@ def in_decimals(cell: str) -> str:
     return f"{sign}{(float(whole) + float(minutes) / 60.0 + float(seconds or 0.0) / 3600.0)!r}"
 
 
-def _split_unit(path: Path | Frame, header: str, kinds: Mapping[str, str]) -> tuple[str, str, float]:
+def _split_unit(path: Path | Frame, header: str, kinds: Mapping[str, str], any_case: bool) -> tuple[str, str, float]:
     name = header.strip()
-    if name in kinds:
-        return name, "", 1.0
-    base, unit = split_header(name)
+    whole, (base, unit) = name, split_header(name)
+    if any_case:
+        whole, base = name.lower(), base.lower()
+    if whole in kinds:
+        return whole, "", 1.0
     if base not in kinds:
         return name, "", 1.0
     units = UNITS[kinds[base]]
+    if any_case and unit not in units:
+        unit = next((other for other in units if other.lower() == unit.lower()), unit)
     if unit not in units:
         raise TableError(Place(path, 1), f"column {name!r}: {no_unit(unit, kinds[base])}")
     return base, unit, units[unit]

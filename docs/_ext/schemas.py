@@ -23,6 +23,7 @@ from armflex.conventions import UNITS
 from armflex.declaration import Declaration
 from armflex.files.effect_file import UNNAMED
 from armflex.laws.effects import CATALOGUE
+from armflex.laws.effects.catalogue import EVERY
 
 SCHEMAS = HERE.parent / "armflex" / "schemas"
 GOLDENS = HERE.parent / "tests" / "goldens"
@@ -189,6 +190,9 @@ def _array(shapes: Iterable[tuple[int, ...]]) -> Schema:
     return each[0] if len(each) == 1 else {"anyOf": each}
 
 
+ENOUGH = 4
+"""Runs of which all have a key, from which on it is always there."""
+
 NAMES = {"A1", "J1", "J2", "p300", "p600", "empty", "p100", "none", "M1"}
 """Of joints, flexures and payloads of the bundled arms: an object that has one as a key is keyed by such names."""
 
@@ -200,28 +204,37 @@ def output_schemas() -> dict[str, Schema]:
         content = json.loads(path.read_text(encoding="utf-8"))
         if isinstance(content, Mapping) and str(content.get("format", "")).startswith("armflex-"):
             written.setdefault(content["format"], []).append(content)
-    return {name: {"$schema": DRAFT, "$id": name, **_common(contents)} for name, contents in written.items()}
+    schemas = {name: {"$schema": DRAFT, "$id": name, **_common(contents)} for name, contents in written.items()}
+    for schema in schemas.values():
+        schema["properties"]["format"] = {"const": schema["$id"]}
+        schema["required"] = sorted({"format", *schema["required"]})
+    return schemas
 
 
 def _common(values: Sequence[Any]) -> Schema:
-    """Return the schema that some JSON values have in common."""
-    kinds = {_kind(value) for value in values}
-    if kinds == {"object"} and any(set(value) & NAMES for value in values):
+    """Return the schema that some JSON values have in common, or null in their place: what a run does not know.
+
+    A key is required where it is in all of several runs.
+    """
+    kinds = {_kind(value) for value in values} - {"null"}
+    values = [value for value in values if value is not None]
+    of_laws = any(values) and all(set(value) <= set(EVERY) for value in values) if kinds == {"object"} else False
+    if kinds == {"object"} and (of_laws or any(set(value) & NAMES for value in values)):
         return {
-            "type": "object",
+            "type": ["object", "null"],
             "additionalProperties": _common([item for value in values for item in value.values()]),
         }
     if kinds == {"object"}:
         keys = dict.fromkeys(key for value in values for key in value)
-        required = [key for key in keys if all(key in value for value in values)]
+        required = [key for key in keys if len(values) >= ENOUGH and all(key in value for value in values)]
         properties = {key: _common([value[key] for value in values if key in value]) for key in keys}
-        return {"type": "object", "properties": properties, "required": required}
+        return {"type": ["object", "null"], "properties": properties, "required": required}
     if kinds == {"array"}:
         items = [item for value in values for item in value]
-        return {"type": "array", "items": _common(items)} if items else {"type": "array"}
+        return {"type": ["array", "null"], "items": _common(items)} if items else {"type": ["array", "null"]}
     if len(kinds) > 1:
         return {"anyOf": [_common([value for value in values if _kind(value) == kind]) for kind in sorted(kinds)]}
-    return {"type": kinds.pop()} if kinds else {}
+    return {"type": [kinds.pop(), "null"]} if kinds else {}
 
 
 def _kind(value: Any) -> str:

@@ -18,6 +18,7 @@ from armflex.bench.fitted import NOWHERE
 from armflex.bench.learners import Options, learner
 from armflex.bench.training import bench_flags, law_flags
 from armflex.errors import (
+    ArmflexWarning,
     ArrayTypeError,
     ConvergenceError,
     IdentifiabilityError,
@@ -263,9 +264,35 @@ def test_headers_of_a_bench_may_have_capitals_and_brackets(tmp_path: Path) -> No
     assert np.array_equal(found.loads, plain.loads) and np.array_equal(found.deflections, plain.deflections)
 
 
+@pytest.mark.parametrize("mark", [",", ";"])
+def test_titles_before_the_header_of_a_bench_are_not_read(tmp_path: Path, mark: str) -> None:
+    lines = TABLE.read_text().splitlines()
+    titles = ["Bench of the elbow, 14.03.2026, by: White", "", "# second run"]
+    text = "\n".join([*titles, *(line.replace(",", mark) for line in lines)])
+    (tmp_path / "titled.csv").write_text(text)
+    with pytest.warns(ArmflexWarning, match=r"titled\.csv:1: not read, a title before the header: 'Bench of the elbow"):
+        titled = read_joint_data(tmp_path / "titled.csv")
+    plain = read_joint_data(TABLE)
+    assert np.array_equal(titled.loads, plain.loads) and np.array_equal(titled.deflections, plain.deflections)
+    (tmp_path / "longer.csv").write_text("\n".join([*titles, *lines, "1,2"]))
+    at = len(titles) + len(lines) + 1
+    with (
+        pytest.warns(ArmflexWarning),
+        pytest.raises(TableError, match=rf"longer\.csv:{at}: has 2 cells, the header has"),
+    ):
+        read_joint_data(tmp_path / "longer.csv")
+
+
 @pytest.mark.parametrize(
     ("head", "zeros", "declared"),
     [
+        (
+            "Joint;Moment [kNm];Rotation [mrad]",
+            "slew;",
+            "joint_stiffness = {stiffness:.5g} (about the joint's own axis)",
+        ),
+        ("JOINT,TORQUE_KNM,Angle_Mrad", "slew,", "joint_stiffness = {stiffness:.5g} (about the joint's own axis)"),
+        ("Joint,My [kNm],Ry_mrad", "slew,", "compliance = [0, 0, 0, 0, {softness:.5g}, 0]"),
         ("joint,moment_kNm,rotation_mrad", "slew,", "joint_stiffness = {stiffness:.5g} (about the joint's own axis)"),
         ("joint,my_kNm,ry_mrad", "slew,", "compliance = [0, 0, 0, 0, {softness:.5g}, 0]"),
         (
@@ -281,9 +308,10 @@ def test_a_table_of_one_axis_is_answered_with_its_compliance(
     moments = np.linspace(-20.0, 20.0, 11)  # [kNm]
     noise = 0.004 * np.random.default_rng(2).normal(size=11)
     turns = 0.02 * moments + noise  # [mrad]
-    rows = [f"{zeros}{float(moment)!r},{float(turn)!r}" for moment, turn in zip(moments, turns, strict=True)]
+    mark = ";" if ";" in head else ","
+    rows = [f"{zeros}{float(moment)!r}{mark}{float(turn)!r}" for moment, turn in zip(moments, turns, strict=True)]
     (tmp_path / "bench.csv").write_text("\n".join([head, *rows]) + "\n")
-    with pytest.raises(TableError, match=r"loads one axis alone, 'm.*_kNm' against 'r.*_mrad'; train needs all") as met:
+    with pytest.raises(TableError, match=r"loads one axis alone, '.*' against '.*'; train needs all") as met:
         read_joint_data(tmp_path / "bench.csv")
     # Ordinary least squares about the means.
     softness = moments @ (turns - turns.mean()) / (moments @ moments)

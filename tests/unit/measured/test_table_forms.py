@@ -12,7 +12,7 @@ from support.command_line import fine, run_here
 from support.small_arms import ROBOTS
 
 from armflex import Arm, Trajectory, read_trajectory, write_trajectory
-from armflex.errors import TableError
+from armflex.errors import ArmflexWarning, TableError
 from armflex.measured.table import read_table, write_table
 
 HEADER = "time,q_M1,q_A1,q_A2,q_A3,q_A4,q_A5,q_A6,payload,via\n"
@@ -143,6 +143,9 @@ def test_a_workbook_of_excel_is_a_table(tarm: Arm, tmp_path: Path) -> None:
     found = read_trajectory(workbook(tmp_path / "rows.xlsx", cells(), [[None, ""]]), tarm)
     np.testing.assert_array_equal(found.q, plain.q)
     assert (found.via, found.payload) == (plain.via, plain.payload)
+    with pytest.warns(ArmflexWarning, match=r"rows\.xlsx:1: not read, a title before the header: 'Path of a day'"):
+        titled = read_trajectory(workbook(tmp_path / "rows.xlsx", [["Path of a day"], [""], *cells()]), tarm)
+    np.testing.assert_array_equal(titled.q, plain.q)
     odd = {
         r"has 2 sheets that hold something \(Sheet, Sheet1\)": (cells(), [[1]]),
         "rows.xlsx:2: formula =1[+]1 has no value": ([cells()[0], ["=1+1", *cells()[1][1:]]],),
