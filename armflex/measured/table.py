@@ -341,7 +341,8 @@ def _rows(path: Path, most: int | None, kinds: Mapping[str, str]) -> Iterator[tu
 def _titles(path: Path, rows: Sequence[Sequence[str]], kinds: Mapping[str, str]) -> int:
     """Return how many rows a file begins with before its header: the first that names two columns, none before any."""
     names = [[cell.strip().strip('"') for cell in cells] for cells in rows]
-    counts = [sum(not {name.lower(), split_header(name)[0].lower()}.isdisjoint(kinds) for name in row) for row in names]
+    columns = {name.lower() for name in kinds}
+    counts = [sum(bool({name.lower(), split_header(name)[0].lower()} & columns) for name in row) for row in names]
     header = next((row for row, count in enumerate(counts) if count > 1), 0)
     if any(counts[:header]):
         return 0
