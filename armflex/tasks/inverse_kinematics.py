@@ -157,7 +157,7 @@ class Corrector:
         return None
 
     def shrink(self, point: Trial) -> Search[tuple[Trial, bool]]:
-        """Walk to smaller changes that leave no error either; True once none is near."""
+        """Walk to smaller changes that leave no error either; True once none is near, or the gain is rounding."""
         share = 1.0
         while self.calls < MAX_CALLS and share > 1e-4:
             move = self.aim(point) - point.change
@@ -171,7 +171,10 @@ class Corrector:
                 point, share = trial, min(1.0, 2.0 * share)
             else:
                 share *= 0.5
-        return point, False
+        # How large a change is without any error is known only as well as the error that is left has to be small.
+        known = np.linalg.norm(point.change / self.scale) * float(np.max(AIMED_AT / self.scale))
+        move = self.aim(point) - point.change
+        return point, self.size(move) <= 2.0 * known / max(point.sigma_min, NEAR_SINGULAR)
 
     def size(self, change: Array) -> float:
         """Return the squared size of a change."""
