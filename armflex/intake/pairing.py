@@ -165,9 +165,9 @@ class _Sides:
             row_of[target] = np.array([left[key].pop(0) if left.get(key) else -1 for key in pairing.rows])
             spare += [self.export.lines[i] for lines in left.values() for i in lines]
         notes, count = list[str](), len(self.names)
-        left = sum(all(row[i] < 0 for row in row_of.values()) for i in range(count))
-        if 2 * left > count and 2 * len(spare) > len(self.export.lines):
-            text = f"only {count - left} of {count} rows of {self.log.path.name} have a {self.what} of their name, and"
+        alone = sum(all(row[i] < 0 for row in row_of.values()) for i in range(count))
+        if 2 * alone > count and 2 * len(spare) > len(self.export.lines):
+            text = f"only {count - alone} of {count} rows of {self.log.path.name} have a {self.what} of their name, and"
             text += f" {len(spare)} {self.what}s have no row: are they of one another? Give both the same names"
             raise TableError(Place(self.export.path), text)
         if spare:
