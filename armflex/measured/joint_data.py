@@ -152,7 +152,7 @@ def as_joint_data(data: JointData | Tabular) -> JointData:
 
 def _one_axis(table: Table) -> tuple[str, str] | None:
     """Return the load and the deflection of a table that loads one axis alone, None of another table."""
-    kinds = {name: kind for name, kind in (KINDS | ONE_AXIS).items() if name in table.columns}
+    kinds = {name: (KINDS | ONE_AXIS)[name] for name in table.columns if name in KINDS | ONE_AXIS}
     both = [
         [name for name, kind in kinds.items() if kind in some] for some in (("force", "moment"), ("length", "angle"))
     ]

@@ -150,9 +150,9 @@ def columns() -> dict[str, dict[str, str]]:
         asked: set[str] = set()
         kinds: dict[str, str] = {}
 
-        def listened(path, known, *rest, asked=asked, kinds=kinds):
+        def listened(path, known, *rest, asked=asked, kinds=kinds, **more):
             kinds.update(known)
-            table = tables.read_table(path, known, *rest)
+            table = tables.read_table(path, known, *rest, **more)
             columns = _Listened(table.columns)
             columns.asked = asked
             return Table(table.path, columns, table.lines)

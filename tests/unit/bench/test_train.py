@@ -185,7 +185,7 @@ def rewritten(folder: Path, *edits: tuple[str, str]) -> Path:
         ([("dx_mm", "dx_mmm")], None, TableError, "'mmm' is no unit of length, did you mean 'mm'"),
         ([("dx_mm", "ddx_mm")], None, TableError, "joint.csv:1: unknown column 'ddx_mm', did you mean 'dx'"),
         ([("fx_kN", "fxx_kN")], None, TableError, "unknown column 'fxx_kN', did you mean 'fx'"),
-        ([("dz_mm", "DZ_mm")], None, TableError, "unknown column 'DZ_mm', did you mean 'dz'"),
+        ([("dz_mm", "DDZ_mm")], None, TableError, "unknown column 'DDZ_mm', did you mean 'dz'"),
         ([("data_no", "mxx_Nm")], None, TableError, "unknown column 'mxx_Nm', did you mean 'mx'"),
         ([("data_no", "rx_mrad")], None, TableError, "has no moments mx, my, mz beside the rotations rx"),
         ([("data_no", "mz_kNm")], None, TableError, "has no rotations rx, ry, rz beside the moments mz"),
