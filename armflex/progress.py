@@ -67,11 +67,11 @@ class Reporter:
         self, report: Callable[[str], None] | None = None, progress: Callable[[Doing], None] | None = None
     ) -> None:
         self.report, self.progress, self.doing, self.until = report, progress, Doing(), float("inf")
-        self._looked = -EVERY
+        self._look = 0.0
 
     def limit(self, seconds: float) -> None:
         """Let what goes on take so many seconds of CPU time from now on."""
-        self.until, self._looked = time.process_time() + seconds, -EVERY
+        self.until, self._look = time.process_time() + seconds, 0.0
 
     def stage(self, text: str) -> None:
         """Say that a stage begins."""
@@ -89,10 +89,10 @@ class Reporter:
 
     def say(self, **changed: Any) -> None:
         """Say what has changed of what it is at, or of what there is so far."""
-        if (now := time.monotonic()) > self._looked + EVERY:
-            self._looked = now
-            if time.process_time() > self.until:
+        if (now := time.monotonic()) >= self._look:
+            if (left := self.until - time.process_time()) < 0.0:
                 raise OutOfTimeError
+            self._look = now + min(left, EVERY)
         if self.progress:
             self.doing = replace(self.doing, **changed)
             self.progress(self.doing)
