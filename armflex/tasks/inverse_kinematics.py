@@ -172,9 +172,9 @@ class Corrector:
             else:
                 share *= 0.5
         # How large a change is without any error is known only as well as the error that is left has to be small.
-        known = float(np.linalg.norm(point.change / self.scale) * np.max(AIMED_AT / self.scale))
-        move = self.aim(point) - point.change
-        return point, bool(self.size(move) <= 2.0 * known / max(point.sigma_min, NEAR_SINGULAR))
+        step = float(np.max(AIMED_AT / self.scale)) / max(point.sigma_min, NEAR_SINGULAR)
+        rounding = 2.0 * step * float(np.sqrt(self.size(point.change)))
+        return point, self.size(self.aim(point) - point.change) <= rounding
 
     def size(self, change: Array) -> float:
         """Return the squared size of a change."""

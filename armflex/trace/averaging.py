@@ -188,13 +188,9 @@ def averaged(state: State, evidence: Dense, own: Model, drawn: Sequence[Drawn], 
     start = np.concatenate([fit.values, np.zeros(count - len(fit.values))])
     view, weights = looked_at(fit, blocks, start), fit.weights
     wanted = whitened_residual(view, weights) - whitened_regressors(blocks, view, weights) @ step
-    average = Averaged(
-        state,
-        rivals,
-        moved(blocks, start, step),
-        whole,
-        np.append(_scatter(state, parts), np.zeros(len(whole) - len(fit.values))),
-    )
+    scatter = np.zeros(count)
+    scatter[: len(fit.values)] = _scatter(state, parts)
+    average = Averaged(state, rivals, moved(blocks, start, step), whole, scatter)
     return replace(_settled(average, wanted), shares=tuple(shares[number] / len(drawn) for number in kept))
 
 

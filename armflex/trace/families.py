@@ -472,6 +472,7 @@ def _parts(fit: Fit, context: Context, poses: int) -> Iterator[Member]:
     recorded = {name: context.column(name)[view.rows] for name in context.recorded if name != "time"}
     recorded = {name: x for name, x in recorded.items() if np.ptp(x) > 0.0}
     slides = [joint.name for joint in context.robot.moving if drive_axis(joint) not in AXES_TURN]
+    tubes = {(location.site, location.axis): location for location in GUIDES.places(records)}
 
     def by_column(law: str, site: str, name: str, x: Array) -> Iterator[Member]:
         for axis in records.axes(site) if site in records.joints else (*TWIST_NAMES,):
@@ -502,6 +503,10 @@ def _parts(fit: Fit, context: Context, poses: int) -> Iterator[Member]:
             play = Location(joint.name, axis, (own,))
             inner = (0.0, 0.1 * largest)  # a tenth of the load takes play to the other side
             yield Member("play by load", Candidate(LINE_PLAY, play, inner), np.ones((1, 1)))
+            if joint.name in driven and (guides := tubes.get((joint.name, axis))) is not None:
+                x = driven[joint.name]
+                acts = Candidate(GUIDES, guides, (largest, float(x.min()), float(x.max())))
+                yield Member("play in the guides", acts, np.full((1, len(guides.terms)), np.ptp(x) ** 2.0))
             for name, x in recorded.items():
                 location = Location(joint.name, axis, (name,))
                 acts = Candidate(LINE_COMPLIANCE, location, (float(x.mean()),))
@@ -514,13 +519,6 @@ def _parts(fit: Fit, context: Context, poses: int) -> Iterator[Member]:
                 yield Member("compliance by position", acts, np.array([[span**-2.0, span**-4.0]]))
                 acts = Candidate(LINE_PLAY, replace(location, terms=(1,)), (middle, inner[1]))
                 yield Member("play by load and position", acts, np.full((1, 1), span**-2.0))
-    for location in GUIDES.places(records):
-        load = np.abs(view.load_at(location.site))
-        largest = float(load[:, TWIST_NAMES.index(str(location.axis))].max())
-        if location.site in driven and largest > ROUNDING * load.max():
-            x = driven[location.site]
-            acts = Candidate(GUIDES, location, (largest, float(x.min()), float(x.max())))
-            yield Member("play in the guides", acts, np.full((1, len(location.terms)), np.ptp(x) ** 2.0))
     base = Candidate(BASE_COMPLIANCE, Location(BASE, terms=(1, 2, 3, 4, 5, 6)), ())
     yield Member("compliance", base, np.ones((1, 6)))
     for name, x in recorded.items():

@@ -218,14 +218,11 @@ def _common(values: Sequence[Any]) -> Schema:
     """
     kinds = {_kind(value) for value in values} - {"null"}
     values = [value for value in values if value is not None]
-    of_laws = any(values) and all(set(value) <= set(EVERY) for value in values) if kinds == {"object"} else False
-    if kinds == {"object"} and (of_laws or any(set(value) & NAMES for value in values)):
-        return {
-            "type": ["object", "null"],
-            "additionalProperties": _common([item for value in values for item in value.values()]),
-        }
     if kinds == {"object"}:
         keys = dict.fromkeys(key for value in values for key in value)
+        if keys and (keys.keys() <= EVERY.keys() or keys.keys() & NAMES):
+            items = [item for value in values for item in value.values()]
+            return {"type": ["object", "null"], "additionalProperties": _common(items)}
         required = [key for key in keys if len(values) >= ENOUGH and all(key in value for value in values)]
         properties = {key: _common([value[key] for value in values if key in value]) for key in keys}
         return {"type": ["object", "null"], "properties": properties, "required": required}

@@ -57,7 +57,7 @@ SHARES, SPARES = (0.05, 0.2, 0.5), (0.15, 0.5)
 """Loads that take play up, in parts of the largest, and overlaps that are left, in parts of the way: of `GUIDES`."""
 
 
-def _every(here: Here, inner: Values) -> list[list[Term]]:
+def _sums(here: Here, inner: Values) -> list[list[Term]]:
     way, (largest, low, high), column = here.direction, inner, here.location.covariates[0]
     return [
         [
@@ -87,7 +87,7 @@ GUIDES = TwistLaw(
         if location.terms == (0,)
     ],
     amplitudes=tuple(Amplitude(f"g{i + 1}", "rad m") for i in range(2 * len(SHARES) * len(SPARES))),
-    terms=_every,
+    terms=_sums,
     direction=on_axis,
     inner=(
         Inner("largest", "Nm", partial(shares_of_load, shares=(1.0,))),
