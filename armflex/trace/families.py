@@ -288,7 +288,7 @@ def kinds_of(fit: Fit, context: Context, poses: np.ndarray) -> Kinds:
         poses: (M,) number of the pose of every fitted row.
     """
     bank, parts, columns = Bank((), fit, context), list[Member](), [np.empty((fit.view.residual.size, 0))]
-    for part in _parts(fit, context, len(np.unique(poses))):
+    for part in _parts(fit, context):
         if isinstance(part.acts, Walk):
             own = (part.acts.columns(fit.view) * fit.scale[:, :, None]).reshape(fit.view.residual.size, -1)
         else:
@@ -461,8 +461,8 @@ class Sized:
         return self.rms(left)
 
 
-def _parts(fit: Fit, context: Context, poses: int) -> Iterator[Member]:
-    """Yield what every family does at every place of a campaign with so many poses."""
+def _parts(fit: Fit, context: Context) -> Iterator[Member]:
+    """Yield what every family does at every place of a campaign."""
     view, records = fit.view, context.records
     # Lengths over which a drive's errors may change [rad], of sliding drives by how far they were driven; about other
     # axes the longer half, since bearings and links are smoother than gears.
@@ -483,7 +483,7 @@ def _parts(fit: Fit, context: Context, poses: int) -> Iterator[Member]:
         drive, own = drive_axis(joint), f"q_{joint.name}"
         axes = [axis for axis in AXES_TURN if axis in records.axes(joint.name)]
         if joint.name in driven:
-            yield from _over_position(joint, driven[joint.name], lengths, axes, poses)
+            yield from _over_position(joint, driven[joint.name], lengths, axes)
         if (approach := f"{APPROACH}{joint.name}") in context.row.covariates:
             location = Location(joint.name, drive, (approach,))
             yield Member("play by approach", Candidate(BACKLASH, location, ()), np.full((1, 1), 4.0))
@@ -527,11 +527,11 @@ def _parts(fit: Fit, context: Context, poses: int) -> Iterator[Member]:
     yield from _lagging(fit, context)
 
 
-def _over_position(joint: Joint, values: Array, lengths: Array, axes: Sequence[str], poses: int) -> Iterator[Member]:
+def _over_position(joint: Joint, values: Array, lengths: Array, axes: Sequence[str]) -> Iterator[Member]:
     """Yield what is a function of a drive's (M,) positions alone."""
     drive, own = drive_axis(joint), (f"q_{joint.name}",)
     unit = 1.0 if drive in AXES_TURN else float(np.ptp(values))
-    yield Member("curve of the drives", *_curve(joint.name, drive, values, unit * lengths, max(poses // 4, 4)))
+    yield Member("curve of the drives", *_curve(joint.name, drive, values, unit * lengths))
     yield Member(
         "scale of the encoders", Candidate(ENCODER_SCALE, Location(joint.name, drive, own), ()), np.ones((1, 1))
     )
@@ -540,17 +540,18 @@ def _over_position(joint: Joint, values: Array, lengths: Array, axes: Sequence[s
         yield Member("eccentricity of the encoders", acts, np.ones((1, 2)))
     for axis in axes:
         if axis != drive:
-            acts = _curve(joint.name, axis, values, unit * lengths[2:], max(poses // 8, 4))
+            acts = _curve(joint.name, axis, values, unit * lengths[2:])
             yield Member("curve about other axes", *acts)
 
 
-def _curve(site: str, axis: str, values: Array, lengths: Array, most: int) -> tuple[Candidate, Array]:
+def _curve(site: str, axis: str, values: Array, lengths: Array) -> tuple[Candidate, Array]:
     """Return sines over (M,) positions, and the (L, k) variances that curves of (L,) lengths give them.
 
-    The finest of them has three radians within the shortest length; there are so many at most.
+    The finest of them has three radians within the shortest length, however few poses there are: where a curve ends
+    before the band of a gear does, a part of that band is named as a wave, another one in each half of a campaign.
     """
     middle, half = 0.5 * (values.min() + values.max()), 0.5 * np.ptp(values) + lengths.max()
-    count = int(np.clip(2.0 * half * 3.0 / lengths.min() / np.pi, 1, min(most, MOST_SINES)))
+    count = int(np.clip(2.0 * half * 3.0 / lengths.min() / np.pi, 1, MOST_SINES))
     waves = np.pi * np.arange(1, count + 1) / (2.0 * half)
     rates = np.sqrt(3.0) / lengths[:, None]
     location = Location(site, axis, (f"q_{site}",), tuple(range(count)))

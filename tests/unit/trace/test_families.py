@@ -7,8 +7,11 @@ import pytest
 from support import six_axes
 
 from armflex import load_arm, predict, trace
+from armflex.laws.effects.candidate import Candidate
+from armflex.laws.effects.drive_curve import DRIVE_CURVE
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.encoder_eccentricity import ENCODER_ECCENTRICITY
+from armflex.laws.effects.location import Location, drive_axis
 from armflex.trace.findings import Trace
 
 
@@ -79,3 +82,22 @@ def test_much_at_one_drive_is_no_family() -> None:
     found = measured({"shoulder_lift_joint": 4e-3}, 200)
     assert not found.state.background.names
     assert "encoder eccentricity at shoulder_lift_joint (ry)" in [one.effect.title for one in found.found]
+
+
+def rough() -> list[Effect]:
+    """Return gears whose error over position is a band of waves of 20 to 50 a radian, none of which stands out."""
+    rng, effects = np.random.default_rng(5), []
+    for joint, low, high in zip(six_axes.declared().robot.moving, six_axes.LOWER, six_axes.UPPER, strict=True):
+        waves = np.arange(*(int(rate * (high - low) / np.pi) for rate in (20.0, 50.0)))
+        location = Location(joint.name, drive_axis(joint), (f"q_{joint.name}",), tuple(waves.tolist()))
+        amplitudes = rng.normal(0.0, 3e-4 / np.sqrt(len(waves)), len(waves))
+        curve = Candidate(DRIVE_CURVE, location, (float(low), float(high)))
+        effects.append(curve.effect(amplitudes))
+    return effects
+
+
+@pytest.mark.slow
+def test_a_band_of_waves_is_a_curve_however_few_poses_there_are() -> None:
+    found = trace(*six_axes.campaign(150, effects=rough()))
+    assert "curve of the drives" in found.state.background.names
+    assert not [one.effect.title for one in found.found if one.probability > 0.5]
