@@ -37,7 +37,9 @@ from armflex.laws.effects.drive_curve import DRIVE_CURVE, MOST_SINES
 from armflex.laws.effects.effect import TwistLaw
 from armflex.laws.effects.encoder_eccentricity import ENCODER_ECCENTRICITY
 from armflex.laws.effects.encoder_scale import ENCODER_SCALE
+from armflex.laws.effects.friction_windup import FRICTION_WINDUP
 from armflex.laws.effects.guide import GUIDES
+from armflex.laws.effects.hysteresis import HYSTERESIS
 from armflex.laws.effects.location import BASE, LINK, Location, drive_axis
 from armflex.laws.effects.shapes import PAIRS, ROUNDING
 from armflex.laws.effects.unnamed import LINE, LINE_COMPLIANCE, LINE_PLAY
@@ -487,6 +489,8 @@ def _parts(fit: Fit, context: Context) -> Iterator[Member]:
         if (approach := f"{APPROACH}{joint.name}") in context.row.covariates:
             location = Location(joint.name, drive, (approach,))
             yield Member("play by approach", Candidate(BACKLASH, location, ()), np.full((1, 1), 4.0))
+            acts = Candidate(FRICTION_WINDUP, replace(location, terms=(1,)), ())
+            yield Member("friction wind-up", acts, np.ones((1, 1)))
         for name, x in recorded.items():
             yield from by_column(f"by {name}", joint.name, name, x)
         load = view.load_at(joint.name)
@@ -500,6 +504,11 @@ def _parts(fit: Fit, context: Context) -> Iterator[Member]:
             if not largest > ROUNDING * np.abs(load).max():
                 continue
             yield Member("compliance", Candidate(COMPLIANCE, Location(joint.name, axis), ()), np.ones((1, 1)))
+            # Slips at small and at large changes of the load make a loop of any width (Iwan 1966, "A
+            # distributed-element model for hysteresis", Journal of Applied Mechanics 33).
+            for share in (0.05, 0.2):
+                acts = Candidate(HYSTERESIS, Location(joint.name, axis), (share * float(np.ptp(moment)),))
+                yield Member("hysteresis", acts, np.ones((1, 1)))
             play = Location(joint.name, axis, (own,))
             inner = (0.0, 0.1 * largest)  # a tenth of the load takes play to the other side
             yield Member("play by load", Candidate(LINE_PLAY, play, inner), np.ones((1, 1)))

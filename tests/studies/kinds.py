@@ -28,6 +28,8 @@ OF = {
     "eccentricity of the encoders": ("encoder_eccentricity",),
     "curve of the drives": ("encoder_scale", "encoder_eccentricity", "gear_harmonic", "dress_pack"),
     "play by approach": ("backlash", "friction_windup"),
+    "friction wind-up": ("friction_windup", "backlash"),
+    "hysteresis": ("hysteresis", "deadband", "backlash", "friction_windup"),
     "play by load": ("deadband", "stiffening", "hysteresis", "friction_windup", "even_in_load"),
     "compliance": ("compliance", "cross_coupling", "base_compliance", "link_flexure", "stiffening", "link_mass",
                    "payload_mass", "payload_com", "tip_force"),

@@ -33,6 +33,8 @@ def kinds(state: State) -> Families:
     [
         ("backlash", 7016, "boom", "play by approach"),
         ("gear_harmonic", 7015, "six", "curve of the drives"),
+        ("hysteresis", 196000, "six", "hysteresis"),
+        ("friction_windup", 196001, "six", "friction wind-up"),
         ("thermal_softening", 7006, "boom", "compliance by temperature"),
     ],
 )
