@@ -121,6 +121,11 @@ def test_what_is_no_likelier_than_all_else_that_it_may_be_has_no_name(ran, capsy
     assert "Effects identified" not in told and "In the arm, but not settled" in told
     assert [each["named"] for report in (doubted, found) for each in as_json(report)["effects"]] == [False, True]
     assert headline(found).startswith("Identified: ") and "Not settled" not in " ".join(further(found))
+    tie, lead = (
+        dataclasses.replace(one, probability=share, credible=((other, 0.999 - share),)) for share in (0.502, 0.6)
+    )
+    assert lead.is_named and not tie.is_named  # of two that are exchangeable another draw gives either
+    assert headline(dataclasses.replace(found, found=(tie,))) == headline(doubted)
 
 
 def test_a_mass_is_of_the_link_that_the_joint_before_moves(ran) -> None:
