@@ -6,12 +6,17 @@ import os
 import resource
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import pytest
 
-from armflex.cli import terminal
+from armflex.cli import options, terminal
+from armflex.result import plain
+from armflex.schemas import read_schema
+from armflex.version import __version__
 
 # Where bytecode is not kept, every worker and every command that a test starts compiles the package and the tests anew.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -30,6 +35,26 @@ def unhurried() -> Iterator[None]:
     """Have no line say that a command still goes on: on a busy machine one more would be there than on another."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(terminal, "EVERY", float("inf"))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def as_schemas_say() -> Iterator[None]:
+    """Have whatever a command writes for programs be what its schema says."""
+    try:
+        from jsonschema import Draft202012Validator
+    except ImportError:
+        yield
+        return
+    write, of_format = options.write_json, cache(lambda name: Draft202012Validator(read_schema(name)))
+
+    def checked(content: dict[str, Any], path: Path | None = None) -> None:
+        write(content, path)
+        if "format" in content:
+            of_format(content["format"]).validate(plain({**content, "armflex": __version__}))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(options, "write_json", checked)
         yield
 
 

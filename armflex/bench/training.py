@@ -80,13 +80,12 @@ class TrainResult(Result):
 
     def content(self) -> dict[str, Any]:
         """Return the training as docs/train.md has it; errors in the file's own unit."""
-        units = list(dict.fromkeys(self.units))
         # Two diagnostics and the coverage always stand there; what else there is the sampler that ran adds.
         sampled = {name: value for name, value in asdict(self.diagnostics).items() if value is not None}
         always = dict.fromkeys(("rhat_max", "ess_min")) | record(self, "coverage_95")
         return {
-            **record(self, "rows train_rms held_out_rms held_out parameters flags", model="trained.model"),
-            "unit": units[0] if len(units) == 1 else units,
+            **record(self, "rows units train_rms held_out_rms held_out parameters flags", model="trained.model"),
+            "unit": self.units[0] if len({*self.units}) == 1 else None,
             "diagnostics": always | sampled,
             "compared": self.table,
         }

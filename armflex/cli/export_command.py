@@ -11,7 +11,7 @@ import click
 
 from armflex.arm import Arm
 from armflex.cli import options
-from armflex.cli.terminal import complain, doing, say, say_written, show_flags
+from armflex.cli.terminal import complain, doing, say, say_file, say_written, show_flags
 from armflex.errors import InputError, PluginError, listing
 from armflex.export import Exported, exporter_fault
 from armflex.export.programs import is_name
@@ -123,7 +123,7 @@ def command(arm: Arm, unnamed: Unnamed, target: str, output: Path | None, **give
             write_whole(output, exported.text.encode())
         options.write_json({"format": "armflex-export-1", "to": target, **exported.numbers})
     if output is None:
-        say(*(exported.page or exported.text).splitlines())
+        say_file((exported.page or exported.text).removesuffix("\n"))
     show_flags(exported.flags)
     for line in exported.notes:
         complain(line) if output is None else say(line)

@@ -80,9 +80,9 @@ def say(*lines: str) -> None:
 
 
 def say_file(text: str) -> None:
-    """Print the text of a file on stdout, lines of any length as they are."""
+    """Print the text of a file where `say` prints, lines of any length as they are."""
     with _alone():
-        click.echo(text)
+        click.echo(text, err=_now["result"])
 
 
 def say_written(*paths: Path | None) -> None:

@@ -31,6 +31,7 @@ from armflex.progress import MOST_MINUTES
 from armflex.result import plain, record, scaled
 from armflex.show.report import write_report
 from armflex.show.report.summary import HALVES_HEAD, HALVES_TITLE, further, headline
+from armflex.show.report.words import units_of
 from armflex.storage.whole_file import together
 from armflex.trace import trace
 from armflex.trace.families import Families, FamilyFound
@@ -210,7 +211,7 @@ def _lines(effect_found: Found, factor: float) -> Iterator[list[str]]:
     held_out = f"{number(proof.before * factor, 3)} -> {number(proof.after * factor, 3)}"
     depends = ", ".join(effect.location.covariates) or "-"
     head = [" ".join(filter(None, names_of(effect.law))), effect.location.place, effect.location.axis or "-", depends]
-    values = list(zip(effect.named.items(), effect.units, strict=True))
+    values = list(zip(effect.named.items(), units_of(effect).values(), strict=True))
     # Values of one effect that are shown on the terminal; the file holds all
     for (name, value), unit in values[:8]:
         std = f" ± {effect_found.std[name]:.2g}" if effect_found.std.get(name) else ""
@@ -349,5 +350,5 @@ def _values_json(effect: Effect, stds: Mapping[str, float]) -> dict[str, Any]:
     """Return every value with its standard uncertainty, infinite where nothing determines it."""
     return {
         name: {"value": value, "std": stds.get(name), "unit": unit}
-        for (name, value), unit in zip(effect.named.items(), effect.units, strict=True)
+        for (name, value), unit in zip(effect.named.items(), units_of(effect).values(), strict=True)
     }

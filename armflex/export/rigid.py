@@ -16,6 +16,7 @@ from armflex.laws import Row
 from armflex.laws.effects.effect import Act, DependsOn, Effect
 from armflex.laws.effects.in_arm import BoundTwist
 from armflex.laws.effects.location import resolve, site_of
+from armflex.laws.effects.shapes import ABOVE
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.mechanism import Mechanism
@@ -25,6 +26,9 @@ from armflex.rows.wrench import Wrench, wrenches_in
 
 POSES = 128
 """Configurations within the limits over which what a file leaves out is stated."""
+
+HOLDS_AT = "Lengths, angles and zeros are those at"
+"""Begins a line that says at which temperature they hold."""
 
 
 def with_constants(arm: Arm) -> Arm:
@@ -138,6 +142,29 @@ def needs_columns(arm: Arm, effect: Effect) -> bool:
     return False
 
 
+def holds_at(arm: Arm) -> dict[str, float]:
+    """Return the temperature [degC] at which what follows a column has no part, by column: lengths hold there.
+
+    Where effects that follow one column have none at different temperatures, it is by column and effect.
+    """
+    followed: dict[str, list[tuple[str, float]]] = {}
+    for effect in arm.effects:
+        if ABOVE in effect.law.inner:
+            column = effect.location.covariates[0]
+            followed.setdefault(column, []).append((effect.name, effect.named[ABOVE.name]))
+    return {
+        column if len({at for _, at in pairs}) == 1 else f"{column} ({name})": at
+        for column, pairs in followed.items()
+        for name, at in pairs
+    }
+
+
+def said_holds(arm: Arm) -> tuple[str, ...]:
+    """Return the same in words, a line where there is any."""
+    held = [f"{column} = {value:.5g} °C" for column, value in holds_at(arm).items()]
+    return (f"{HOLDS_AT} {listing(held)}.",) if held else ()
+
+
 @dataclass(frozen=True)
 class Lost:
     """How far the arm's tip is from where a rigid file has it, over some rows of one payload.
@@ -207,8 +234,11 @@ def left_out(arm: Arm, over: Measurements | None, points: bool = False) -> tuple
     drawn = configurations(arm) if over is None else over.q
     loops, opened = _loops_left_out(arm, drawn)
     measured = measured_points(arm)
-    unknown = (*loops, *said_points(measured, points), *unknown)
-    opened |= {"points": {name: {"link": link, "xyz_m": place} for name, (link, place) in measured.items()}}
+    unknown = (*loops, *said_points(measured, points), *said_holds(arm), *unknown)
+    opened |= {
+        "holds_at": holds_at(arm),
+        "points": {name: {"link": link, "xyz_m": place} for name, (link, place) in measured.items()},
+    }
     if not arm.flexures and not arm.effects:
         notes = ("No flexure and no effect is declared: no deflection is left out.", *unknown)
         return notes, {"left_out": [], "without": [], **opened}

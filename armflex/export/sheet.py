@@ -26,6 +26,7 @@ from armflex.estimate.posterior import OTHER_PARAMETERS, blocks_of
 from armflex.export import Exported
 from armflex.export.rigid import (
     configurations,
+    holds_at,
     joint_frames,
     left_out,
     needs_columns,
@@ -65,6 +66,7 @@ NOTES = {
     "base": "pose of the first row's frame in the base",
     "tool": "pose of the tip in the last row's frame",
     "target": "the measured point in the tip's frame",
+    "holds_at": "the column at which all of these hold; what follows it is left out elsewhere",
     "stiffness": "load per deflection along or about one axis, no other load; deflections of several at a joint add",
 }
 """Sections of a sheet in their order, and what their numbers are. Turning joints add to theta, sliding ones to d."""
@@ -113,6 +115,7 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
         text = "is more uncertain than it is large, and not stated"
         warnings = (*warnings, *(f"The stiffness of {key.of} {key.quantity} {text}." for key in vague))
         values = {key: value for key, value in values.items() if key not in vague}
+    values |= {Key("holds_at", column, "temperature", "degC"): at for column, at in holds_at(whole).items()}
     notes, lost = left_out(whole, rows)
     chain = [joint.name for joint in arm.robot.swept]
     parallel = [chain[i : i + 2] for i, split in enumerate(splits) if split.hayati]

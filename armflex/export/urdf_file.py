@@ -12,7 +12,7 @@ from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import UnsupportedError
 from armflex.export import Exported
-from armflex.export.rigid import left_out, measured_points, with_constants
+from armflex.export.rigid import HOLDS_AT, left_out, measured_points, said_holds, with_constants
 from armflex.measured.measurements import read_measurements
 from armflex.robot.urdf import MOVING, Urdf, parse_xml
 
@@ -66,6 +66,12 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
     for name, (link, place) in measured_points(whole).items():
         name = _unused(name, links, joints)
         joints[name] = _fixed(root, f"{name}_joint", link, name, {"xyz": _spaced(place), "rpy": "0.0 0.0 0.0"})
+    for comment in [*root.iterchildren(etree.Comment)]:  # of the arm that the file was of before
+        if (comment.text or "").strip().startswith(HOLDS_AT):
+            root.remove(comment)
+    for line in said_holds(whole):
+        root.insert(0, comment := etree.Comment(f" {line.replace('--', '- -')} "))
+        comment.tail = "\n"
     notes, numbers = left_out(whole, rows, points=True)
     if whole.robot.tool_joint is not None:
         notes += (

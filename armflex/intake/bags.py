@@ -41,8 +41,6 @@ POINTS = {
 }
 """Types of messages with a position [m], and where in them it is."""
 
-UNREAD = "a type that is read, but topics of others"
-
 WANTED = {JOINTS, "TFMessage", *POINTS}
 MENDS = {".mcap": "`mcap recover`", ".db3": "`ros2 bag reindex`", ".bag": "`rosbag reindex`"}
 
@@ -122,8 +120,8 @@ def read_bag(path: Path) -> list[SourceTable]:
             sources.append(recorded(path, part, dict(zip(head, values.T, strict=True)), tuple(about)))
     if unread and all(not source.header[1].startswith("x_") for source in sources):
         left = listing((f"{topic} ({kind})" for topic, kind in unread.items()), 8)
-        about = f"{path} has no place of {UNREAD}: {left}"
-        sources = [replace(source, notes=(*source.notes, about)) for source in sources]
+        about = f"{path} has no place of a type that is read, but topics of others: {left}"
+        sources = [replace(source, notes=(*source.notes, about), unread=about) for source in sources]
     if not sources:
         cut = f"; {notes[0]}" if notes else ""
         text = f"has no {JOINTS} with positions and no place that moves among its types: {listing(sorted(types))}"

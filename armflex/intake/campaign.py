@@ -192,8 +192,8 @@ def campaign(
         columns[meaning.name] = [(folder / str(cells[k])).as_posix() if k >= 0 else "" for k in match.row_of[""]]
     for meaning, cells in log.of("covariate"):
         if meaning.name not in columns:  # a socket, a height that was read in some rows
-            values = numbers(cells)
-            columns[meaning.name] = values.tolist() if np.isfinite(values).all() else list(map(str, cells))
+            whole = isinstance(cells, np.ndarray) or np.isfinite(numbers(cells)).all()
+            columns[meaning.name] = _or_empty(numbers(cells)) if whole else list(map(str, cells))
     for export, match in placed.matches:
         placed.notes += _add_beside(columns, export, next(iter(match.row_of.values())))
     how = listing(dict.fromkeys(placed.hows)) if placed.hows else "to nothing: each is a via-point"

@@ -8,7 +8,6 @@ from pathlib import Path
 from armflex.errors import FEW, ManyErrors, TableError, listing
 from armflex.files.arm_file import ROBOTS
 from armflex.intake.arm_source import arm_source
-from armflex.intake.bags import UNREAD
 from armflex.intake.campaign import Intake, campaign
 from armflex.intake.meanings import Ask, Meaning, combined, meanings
 from armflex.intake.pairing import named_alike
@@ -153,7 +152,7 @@ def _together(
     if points and sigma is None:
         wrong.append("the files have coordinates: --sigma 0.05mm says how well one is measured")
     if sigma is not None and not points and not pictures:
-        wrong += dict.fromkeys(f"--sigma, and {note}" for record in records for note in record.notes if UNREAD in note)
+        wrong += dict.fromkeys(f"--sigma, and {record.unread}" for record in records if record.unread)
     wrong += in_one_frame([record for record in points if record.role == "export"])
     if sigma_r is not None and points:
         wrong += unturned(points)

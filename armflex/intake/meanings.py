@@ -106,7 +106,7 @@ NAMES = (
 )
 TIMES = (
     r"(?:_*time(?:[ _]?stamp)?|(?:_*time[ _]?)?stamp|elapsed(?:[ _]?time)?|zeit(?:stempel)?|uhrzeit|clock"
-    r"|date(?: ?time)?|datum|heure|t)"
+    r"|date(?: ?time)?|datum|heure|ts?)"
 )
 OUTER = "an external axis"
 EITHER = "a time or a temperature"
@@ -330,7 +330,7 @@ def _beside(meaning: Meaning) -> Meaning:
 
 
 def _one_clock(meant: list[Meaning], parts: Mapping[str, Meaning]) -> list[Meaning]:
-    """Return what columns are where several may be the time: not one in parts, nor a `T`, where there is another."""
+    """Return what columns are where several may be the time: not one in parts, nor a `T` or `ts`, beside another."""
     if any((meaning.kind, meaning.name) == ("time", "time") and meaning.column not in parts for meaning in meant):
         meant = changed(meant, lambda meaning: meaning.column in parts, kind="unused", why="another is the time")
     if sum((meaning.kind, meaning.name) == ("time", "time") for meaning in meant) > 1:
@@ -338,6 +338,10 @@ def _one_clock(meant: list[Meaning], parts: Mapping[str, Meaning]) -> list[Meani
             replace(_beside(meaning), why="another is the time") if meaning.why == EITHER else meaning
             for meaning in meant
         ]
+    times = [meaning for meaning in meant if (meaning.kind, meaning.name) == ("time", "time")]
+    stamps = [meaning for meaning in times if _with_unit(meaning.column.strip())[0].lower() == "ts"]
+    if 0 < len(stamps) < len(times):
+        meant = changed(meant, stamps.__contains__, kind="unused", why="another is the time")
     return meant
 
 

@@ -37,9 +37,6 @@ AXES_AT, STAR_AT = "RAA", "TAA"
 LOOKED_AT = 60
 """Lines by which a file is known."""
 
-OLDEST = 1000.0
-"""From here on a number beside a place is its equinox."""
-
 FIELDS = ("year", "month", "day", "temperature_C", "pressure_hPa", "height", "humidity", "wavelength_um")
 """Run parameters after the latitude."""
 

@@ -98,6 +98,7 @@ class SourceTable:
         part: Topic, body or marker that a recording has this of.
         spans: (N, 2) first and last time [s] of each row that is the mean over a dwell, None where rows are as read.
         notes: What was left out of the file, and why.
+        unread: What of the file may be places and is of no type that is read, '' where there are others or none.
         doubts: By column, why its values cannot be used.
     """
 
@@ -109,6 +110,7 @@ class SourceTable:
     part: str = ""
     spans: Array | None = None
     notes: tuple[str, ...] = ()
+    unread: str = ""
     doubts: Mapping[str, str] = field(default_factory=dict)
 
     @property

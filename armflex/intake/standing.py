@@ -13,9 +13,10 @@ from armflex.errors import InputError, Place, TableError, listing
 from armflex.intake import streams
 from armflex.intake.clock import goes_back, times, unread
 from armflex.intake.lost import emptied
-from armflex.intake.meanings import ANGLE_UNITS, Meaning
+from armflex.intake.meanings import ANGLE_UNITS
 from armflex.intake.record import Record, ranked
 from armflex.intake.sources import numbers
+from armflex.measured.forces import called_as_load
 from armflex.measured.points import LENGTHS
 
 SLOW = re.compile("temp|humid|feucht|press|druck", re.IGNORECASE)
@@ -59,7 +60,11 @@ class Recording:
         return replace(self, record=record)
 
     def rows(self, spans: Array, shift: float) -> Record:
-        """Return a row for each stand, with joints on the branch that they are written on; signals are left out."""
+        """Return a row for each stand, with joints on the branch that they are written on, and means of numbers.
+
+        Of a log these are what may be a cause of the arm's errors, such as a motor's current: what of it is in words or
+        called as a load is left out, and so is what is recorded beside a target.
+        """
         record = streams.reduced(self.record.on_one_side(), self.time, spans, shift)
         columns = list(record.columns)
         for i, meaning in enumerate(record.meant):
@@ -69,7 +74,13 @@ class Recording:
                 middle = 0.5 * (np.nanmin(read) + np.nanmax(read))
                 columns[i] = means - full * np.round((means - middle) / full)
         record = replace(record, columns=tuple(columns))
-        return record.where(Meaning.is_signal, kind="unused", why="a signal of a recording")
+        of_log = [pair for pair in record.of("covariate") if pair[0].is_signal() and record.role == "log"]
+        kept = {meaning for meaning, cells in of_log if isinstance(cells, np.ndarray)}
+        kept = {meaning for meaning in kept if not called_as_load(meaning.name)}
+        record = record.where(
+            lambda one: one.is_signal() and one not in kept, kind="unused", why="a signal of a recording"
+        )
+        return record.where(kept.__contains__, why="its mean while the arm stands")
 
 
 def standing(records: Sequence[Record]) -> tuple[list[Record], list[str]]:

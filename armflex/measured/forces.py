@@ -27,19 +27,24 @@ _A_LOAD = re.compile(r"(?:(f|force)|m|moment|torque)_?([xyz])", re.IGNORECASE)
 """What people call a component of a load."""
 
 
+def called_as_load(name: str) -> str:
+    """Return which of `FORCES` a column is called as people call it, such as fx, F_x, moment_z; '' where none."""
+    base, unit = split_header(name)
+    match = _A_LOAD.fullmatch(base if unit in {*UNITS["force"], *UNITS["moment"]} else name)
+    return f"force_{'f' if match[1] else 'm'}{match[2].lower()}" if match else ""
+
+
 def check_load_names(table: Table, arm: Arm, names: Iterable[str]) -> None:
     """Raise `TableError` where a column without a meaning is called as people call a load, such as fx, F_x or moment_z.
 
     It would count as a covariate and load nothing. What an effect of the arm depends on is a covariate.
     """
     asked = {name for effect in arm.effects for name in effect.location.covariates}
-    units = {*UNITS["force"], *UNITS["moment"]}
     for name in (name for name in names if name not in asked):
-        base, unit = split_header(name)
-        if match := _A_LOAD.fullmatch(base if unit in units else name):
-            meant = f"force_{'f' if match[1] else 'm'}{match[2].lower()}"
+        if meant := called_as_load(name):
             text = f"column {table.columns[name].header!r} is called as a load but would be a covariate"
-            wanted = f"a load from outside is {meant!r} (with a unit {meant}_{'kN' if match[1] else 'kNm'})"
+            unit = "kN" if FORCE_KINDS[meant] == "force" else "kNm"
+            wanted = f"a load from outside is {meant!r} (with a unit {meant}_{unit})"
             raise table.fail(f"{text}: {wanted}; what is no load needs another name")
 
 

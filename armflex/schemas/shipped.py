@@ -27,12 +27,12 @@ def read_schema(name: str) -> dict[str, Any]:
     """
     schema = json.loads((HERE / f"{name}.json").read_text(encoding="utf-8"))
     if name == ARM:
-        tables = schema["properties"]
-        flexure = tables["flexure"]["additionalProperties"]["properties"]
-        for choices, registry in (
-            (flexure["model"], LAWS),
-            (tables["instrument"]["additionalProperties"]["properties"]["kind"], SENSOR_KINDS),
-            (tables["effect"]["items"]["properties"]["name"], CATALOGUE),
+        tables = schema["anyOf"][1]["properties"]  # where nothing is said to be required
+        for table, key, registry in (
+            (tables["flexure"]["additionalProperties"], "model", LAWS),
+            (tables["instrument"]["additionalProperties"], "kind", SENSOR_KINDS),
+            (tables["effect"]["items"], "name", CATALOGUE),
         ):
+            choices = table["properties"][key]
             choices["enum"] = list(dict.fromkeys((*choices["enum"], *registry.names())))
     return schema

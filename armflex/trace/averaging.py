@@ -118,8 +118,6 @@ class Averaged:
         covariance = np.zeros((len(every),) * 2)
         covariance[: len(of_fit.parameters), : len(of_fit.parameters)] = of_fit.covariance
         covariance[np.ix_(shared, shared)] += self.spread[np.ix_(among_values, among_values)]
-        # An amplitude of a rival that moves nothing is as uncertain as a fit leaves those: no variance is zero.
-        covariance[np.diag_indices(len(covariance))] = np.maximum(np.diag(covariance), 1e-24)
         directions = of_fit.directions
         if directions is not None:
             directions = np.pad(directions, ((0, 0), (0, len(every) - len(of_fit.parameters))))

@@ -36,7 +36,7 @@ from armflex.result import Result
 from armflex.trace.averaging import Averaged
 from armflex.trace.families import Families
 from armflex.trace.hypotheses import Hypothesis
-from armflex.trace.resampling import Resampled
+from armflex.trace.resampling import RESAMPLES, Resampled
 from armflex.trace.state import State, lost_of
 from armflex.trace.unrecorded import RandomTwist, as_likely, noticed_from
 from armflex.trace.validate import Compared, Proof
@@ -92,8 +92,12 @@ class Found:
 
     @property
     def is_named(self) -> bool:
-        """Whether it is likelier than all else and nothing together, and has numbers that rows determine."""
-        return self.probability > 0.5 and self.determined
+        """Whether it is likelier than all else and nothing together, and has numbers that rows determine.
+
+        A share of resamples that is one half has the standard error 1 / (2 sqrt(`RESAMPLES`)): what exceeds one half by
+        less is a tie, of which another draw gives either side.
+        """
+        return self.probability > 0.5 * (1.0 + RESAMPLES**-0.5) and self.determined
 
 
 @dataclass(frozen=True, eq=False)

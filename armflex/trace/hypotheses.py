@@ -14,6 +14,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from math import log
 
+import numpy as np
+
 from armflex.laws.effects.candidate import Candidate, candidates_of, grid, places_of
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.context import Context
@@ -64,6 +66,13 @@ class Hypothesis:
     def title(self) -> str:
         """What it is in words."""
         return self.one.title
+
+    def with_terms(self, acting: np.ndarray) -> Hypothesis:
+        """Return it with (k,) of its acting terms alone."""
+        terms = tuple(self.one.location.terms[i] for i in acting.tolist())
+        if terms == self.one.location.terms:
+            return self
+        return replace(self, one=replace(self.one, location=replace(self.one.location, terms=terms)))
 
     @cached_property
     def spot(self) -> tuple[str, Location]:

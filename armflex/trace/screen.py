@@ -11,6 +11,7 @@ from typing import Self
 import numpy as np
 
 from armflex.conventions import RESOLUTION, Array
+from armflex.laws.effects.candidate import Candidate
 from armflex.laws.effects.possible import sensible, size_prior
 from armflex.trace.bank import Bank
 from armflex.trace.columns import Columns
@@ -84,6 +85,7 @@ class Screen(Evidence):
             some.append((groups, places, inside * own[:, :, None] * own[:, None, :]))
         starts = bank.starts.tolist()
         self.groups = [Group(one, a, scale[a:b]) for one, a, b in zip(known, starts, starts[1:], strict=False)]
+        self.groups, acting = _moving(self.groups)
         batches = tuple(Batch(*own, np.array([known[i].positive for i in own[0].tolist()])) for own in some)
         if (alone := _alone(batches)) is not None:
             left, at = alone.inside[:, 0, 0], alone.places[:, 0]
@@ -98,6 +100,8 @@ class Screen(Evidence):
         self._sized: dict[int, Array] = {}
         self._short: dict[tuple, float] = {}
         self.refined: dict[tuple, set[frozenset]] = {}
+        if acting:
+            self.extend(acting)
 
     def forget(self) -> None:
         """Drop what can be made again: a campaign of many rows has room for the columns of one fit only."""
@@ -151,13 +155,15 @@ class Screen(Evidence):
             yield [(one, self.bank.made(one.one)) for one in piece]
 
     def _moving(self, some: Iterable[tuple[Hypothesis, Array]], idle: bool = False) -> tuple[list[Group], Array]:
-        """Return those of some hypotheses that move what is read, or all, and their (K, n) columns, scaled."""
+        """Return what of some hypotheses moves what is read, or all, and the (K, n) columns of that, scaled."""
         groups, columns, first = list[Group](), list[Array](), 0
         for one, own in some:
-            if np.isfinite(own).all() and (idle or own.any()):
-                groups.append(Group(one, first, self.scale_of(own)))
-                columns.append((own * groups[-1].scale).T)
-                first += own.shape[1]
+            scale = self.scale_of(own)
+            acting = np.flatnonzero(scale > 0.0) if not idle else np.arange(len(scale))
+            if np.isfinite(own).all() and len(acting):
+                groups.append(Group(one.with_terms(acting), first, scale[acting]))
+                columns.append((own[:, acting] * scale[acting]).T)
+                first += len(acting)
         return groups, np.concatenate([np.empty((0, len(self.projection.residual))), *columns])
 
     def _block(self, groups: Sequence[Group], columns: Array) -> ScanBlock:
@@ -255,6 +261,32 @@ class Screen(Evidence):
         """Charge a law at a place with what a fit of the arm came out below what this linear problem promised."""
         self._short[spot] = self._short.get(spot, 0.0) + max(by, 0.0)
         self._known.clear()
+
+
+def _moving(groups: list[Group]) -> tuple[list[Group], list[Hypothesis]]:
+    """Return hypotheses where those with a term that moves nothing are none, and what of these is none of the others.
+
+    What acts of them is the hypothesis with these terms alone, which has the prior of both: amplitudes that no reading
+    shows, and no prior holds, would else be values of the arm.
+    """
+    places = {group.hypothesis.one: i for i, group in enumerate(groups)}
+    kept, acting = groups.copy(), dict[Candidate, Hypothesis]()
+    for i, group in enumerate(groups):
+        moves = np.flatnonzero(group.scale > 0.0)
+        if len(moves) == len(group.scale):
+            continue
+        kept[i] = replace(group, hypothesis=replace(group.hypothesis, prior=-np.inf))
+        if not len(moves):
+            continue
+        rest = group.hypothesis.with_terms(moves)
+        place = places.get(rest.one)
+        same = acting.get(rest.one) if place is None else kept[place].hypothesis
+        both = rest if same is None else replace(same, prior=float(np.logaddexp(same.prior, rest.prior)))
+        if place is None:
+            acting[rest.one] = both
+        else:
+            kept[place] = replace(kept[place], hypothesis=both)
+    return kept, list(acting.values())
 
 
 def _named(groups: list[Group], single: np.ndarray, marked: Array) -> list[Group]:

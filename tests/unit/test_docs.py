@@ -1,52 +1,15 @@
-"""What the pages say works: every code block runs, and every key and column that a reader asks for has a meaning.
-
-A page's blocks run in order in one folder, in which `robots` are the bundled ones. A comment before a block says what
-is special about it: `<!-- file: NAME -->` it is that file, `<!-- exit 1 -->` its commands end so, `<!-- slow: WHY -->`
-it takes its time, `<!-- not run: WHY -->`.
-"""
+"""What the pages say works: every code block runs, and every key and column that a reader asks for has a meaning."""
 
 import re
-import shlex
-import tomllib
-import warnings
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 from support.command_line import run_here
-from support.small_arms import ROBOTS
+from support.page_blocks import APART, BLOCK, PAGES, ROOT, RUN, blocks, run_page
 
 import armflex
-
-ROOT = ROBOTS.parent
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
-APART = {"export.md": "tests/unit/export/test_export_docs.py", "c-export.md": "examples/13_c_in_the_controller.py"}
-"""Pages whose commands are run elsewhere."""
-
-BLOCK = re.compile(r"((?:<!--[^\n]*-->\n)*)^```(\w+|\{[\w-]+\})[^\n]*\n(.*?)^```", re.M | re.S)
-RUN = ("python", "console", "toml")
-
-
-class Block(NamedTuple):
-    """A block of code: its language, its text, and what the comments before it say."""
-
-    language: str
-    text: str
-    said: str
-
-    def has(self, word: str) -> bool:
-        return f"<!-- {word}" in self.said
-
-    @property
-    def file(self) -> str:
-        found = re.search(r"<!-- file: (\S+) -->", self.said)
-        return found[1] if found else ""
-
-
-def blocks(page: Path) -> list[Block]:
-    found = [Block(language, text, said) for said, language, text in BLOCK.findall(page.read_text())]
-    return [one for one in found if (one.language in RUN or one.file) and not one.has("not run")]
 
 
 def cases() -> list:
@@ -80,25 +43,8 @@ def test_blocks_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     if page.name == "trace.md":  # in the shell and in Python
         monkeypatch.setattr("armflex.cli.trace_command.trace", traced_once)
         monkeypatch.setattr(armflex, "trace", traced_once)
-    (tmp_path / "robots").symlink_to(ROBOTS, target_is_directory=True)
     monkeypatch.chdir(tmp_path)
-    names: dict[str, object] = {}
-    for one in blocks(page):
-        if one.file:
-            Path(one.file).write_text(one.text)
-        elif one.language == "toml":
-            assert tomllib.loads(one.text)
-        elif one.language == "python":
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", armflex.ArmflexWarning)
-                exec(compile(one.text, f"{page.name}:{one.text[:30]!r}", "exec"), names)
-        else:
-            for line in one.text.replace("\\\n", " ").splitlines():
-                program, *arguments = shlex.split(line, comments=True) or [""]
-                if program:
-                    assert program == "armflex", f"{line!r} is no command of armflex: say why it is not run"
-                    done = run_here(tmp_path, *arguments)
-                    assert done.returncode == int(one.has("exit 1")), (line, done.stdout, done.stderr)
+    run_page(page, partial(run_here, tmp_path))
 
 
 def test_every_block_says_why_it_is_not_run() -> None:

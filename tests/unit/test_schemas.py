@@ -7,15 +7,18 @@ import sys
 import tomllib
 import warnings
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import pytest
 import tomlkit
+from goldens import GOLDENS
 from support.command_line import Run, fine
 from support.small_arms import ROBOTS
 
 from armflex import load_arm
+from armflex.cli.main import COMMANDS
 from armflex.errors import InputError
 from armflex.schemas import ARM, HERE, read_schema, schema_names
 from armflex.version import __version__
@@ -27,12 +30,44 @@ schemas = pytest.importorskip("schemas")
 SPOILT = 500
 
 
-def test_the_shipped_schemas_are_those_of_the_readers_and_the_outputs() -> None:
-    """`python docs/_ext/schemas.py` writes them anew."""
-    made = {ARM: schemas.arm_schema(), **schemas.output_schemas()}
-    assert sorted(made) == schema_names()
-    for name, schema in made.items():
-        assert json.loads((HERE / f"{name}.json").read_text(encoding="utf-8")) == json.loads(json.dumps(schema)), name
+def test_the_shipped_schema_of_an_arm_is_that_of_the_readers() -> None:
+    """`python docs/_ext/schemas.py` writes it anew, and the others; what tests write is held against them all."""
+    assert json.loads((HERE / f"{ARM}.json").read_text(encoding="utf-8")) == json.loads(
+        json.dumps(schemas.arm_schema())
+    )
+
+
+def test_every_command_with_a_result_for_programs_has_a_schema() -> None:
+    for name in COMMANDS:
+        command = import_module(f"armflex.cli.{name}_command").command
+        if any("--json" in parameter.opts for parameter in command.params) and name != "demo":
+            assert f"armflex-{name}-1" in schema_names(), name
+
+
+@pytest.mark.parametrize("path", sorted(GOLDENS.glob("*.json")), ids=lambda path: path.stem)
+def test_a_golden_is_as_its_schema_says(path: Path) -> None:
+    content = json.loads(path.read_text(encoding="utf-8"))
+    if str(content.get("format", "")).startswith("armflex-"):
+        jsonschema.validate({**content, "armflex": __version__}, read_schema(content["format"]))
+
+
+def test_names_and_keys_of_a_plug_in_are_its_own() -> None:
+    """Where [requires] says that there is one; what armflex has keeps its keys."""
+    sensor = {"kind": "wall_distance", "link": "tool", "sigma": 2e-5, "wall": [1.0, 0.0]}
+    bent = {"joint": "J2", "model": "contact", "compliance": [1e-8] * 6, "energy": 0.5}
+    lag = {"name": "following_error", "site": "J3", "parameters": {"lag": 1e-3}}
+    own = {"instrument": {"laser": sensor}, "flexure": {"J2": bent}, "effect": [lag]}
+    arm = tomllib.loads((ROBOTS / "heavy_six" / "arm.toml").read_text(encoding="utf-8"))
+    valid = jsonschema.Draft202012Validator(read_schema(ARM)).is_valid
+    assert valid(arm)
+    for key, tables in own.items():
+        assert valid({**arm, "requires": {"extras": ">=0.1"}, key: tables})
+        assert not valid({**arm, key: tables})
+    needs = {**arm, "requires": {"extras": ">=0.1"}}
+    assert not valid(needs | {"instrument": {"laser": {"kind": "distance", "link": "tool", "sigmaa": 2e-5}}})
+    assert not valid(needs | {"flexure": {"J2": {"joint": "J2", "model": "linear", "complianc": [1e-8] * 6}}})
+    assert not valid(needs | {"flexure": {"J2": {"joint": "J2", "complianc": [1e-8] * 6}}})
+    assert not valid(needs | {"effect": [{**lag, "sit": "J3"}]})
 
 
 @pytest.mark.parametrize("path", schemas.examples(), ids=lambda path: f"{path.parent.name}/{path.name}")

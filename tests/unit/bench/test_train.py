@@ -263,3 +263,12 @@ def test_what_was_learned_is_drawn(model: str, tmp_path: Path) -> None:
     assert drawn[:4] == b"\x89PNG" == other[:4] and drawn != other
     with pytest.raises(InputError, match=r"law\.jpg: expected a name that ends in \.png"):
         draw_training(result, data, tmp_path / "law.jpg")
+
+
+def test_programs_get_the_unit_of_every_column(tmp_path: Path) -> None:
+    loads = np.random.default_rng(0).normal(size=(30, 6))
+    head = "fx_kN,fy_kN,fz_kN,mx_kNm,my_kNm,mz_kNm,dx_mm,dy_mm,dz_mm,rx_mrad,ry_mrad,rz_mrad"
+    np.savetxt(tmp_path / "turns.csv", np.hstack([loads, loads]), delimiter=",", header=head, comments="")
+    both, shifts = (train(read_joint_data(path), "linear").to_dict() for path in (tmp_path / "turns.csv", TABLE))
+    assert both["units"] == ["mm"] * 3 + ["mrad"] * 3 and both["unit"] is None and len(both["train_rms"]) == 6
+    assert shifts["units"] == ["mm"] * 3 and shifts["unit"] == "mm"

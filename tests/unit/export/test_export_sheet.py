@@ -307,9 +307,11 @@ def spread_of(sheet: Sheet, q: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.slow
-def test_command_prints_a_page_or_writes_a_table(tmp_path: Path) -> None:
+def test_command_prints_a_page_or_writes_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     arm = Path(bundled("heavy_six").robot.urdf.path).with_name("arm.toml")
+    monkeypatch.setenv("COLUMNS", "40")  # into a pipe: rows of a table stay lines
     page = fine(run_here(tmp_path, "export", arm, "--to", "sheet"))
+    assert page.stdout == export(load_arm(arm)).page
     assert "is added to the controller's reading" in page.stdout and "payload 'p200'" in page.stderr
     assert re.search(r"J1 +2\.5e\+06 ± 3\.[78]e\+05 Nm/rad", page.stdout) and not list(tmp_path.iterdir())
     fine(run_here(tmp_path, "export", arm, "--to", "sheet", "-o", "s.csv"))

@@ -1,6 +1,7 @@
 """`export --to urdf`: other programs that read the file have the tip where the calibrated arm without load has it."""
 
 import io
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from support.command_line import fine, run_here, strict_json
 from support.small_arms import CROOKED, ROBOTS, arm_of, joint, link, one_joint, three_joints
 
 from armflex import Arm, load_arm
+from armflex.export.sheet import export as export_sheet
 from armflex.export.urdf_file import export
 from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.effect import Effect
@@ -47,9 +49,10 @@ def by_pinocchio(text: str, arm: Arm, q: np.ndarray) -> np.ndarray:
 
 
 def by_mujoco(text: str, arm: Arm, q: np.ndarray) -> np.ndarray:
+    """Return the same as MuJoCo has them, with the line of the page for links without inertia."""
+    (line,) = re.findall("```xml\n(<mujoco>.*)\n```", (ROBOTS.parent / "docs" / "export.md").read_text())
     root = ElementTree.fromstring(text.encode())
-    options = {"fusestatic": "false", "discardvisual": "true", "boundmass": "1e-9", "boundinertia": "1e-9"}
-    ElementTree.SubElement(ElementTree.SubElement(root, "mujoco"), "compiler", options)
+    root.append(ElementTree.fromstring(line))
     model = mujoco.MjModel.from_xml_string(ElementTree.tostring(root, "unicode"))
     data, found = mujoco.MjData(model), []
     for row in q:
@@ -221,3 +224,31 @@ def test_command(tmp_path: Path) -> None:
     said = strict_json(tmp_path / "r.json")
     assert [one["payload"] for one in said["left_out"]] == ["none", "empty", "p100", "p200"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["r.json", "r.urdf"]
+
+
+def test_mujoco_reads_what_has_inertia_as_it_is(heavy: Arm) -> None:
+    text = export(heavy).text
+    assert mujoco.MjModel.from_xml_string(text).nq == len(heavy.joint_names)
+    with pytest.raises(ValueError, match="mass and inertia of moving bodies"):
+        mujoco.MjModel.from_xml_string(re.sub("<inertial>.*?</inertial>", "", text, flags=re.S))
+
+
+def test_the_temperature_at_which_lengths_hold_is_said(heavy: Arm, tmp_path: Path) -> None:
+    def warm(place: str, reference: float, column: str = "temperature") -> Effect:
+        return Effect(CATALOGUE["thermal_growth"], Location(f"link:{place}", None, (column,)), (1e-5, reference, 0.0))
+
+    def said(*effects: Effect) -> str:
+        made = export(replace(heavy, effects=effects))
+        assert [line for line in made.notes if "°C" in line] == re.findall("<!-- (Lengths.*) -->", made.text)
+        return "; ".join(f"{column} {at:g}" for column, at in made.numbers["holds_at"].items())
+
+    assert said(warm("J3", 21.5), warm("J4", 21.5), warm("J5", 20.0, "air")) == "temperature 21.5; air 20"
+    assert said(warm("J3", 21.5), warm("J4", 20.0)) == (
+        "temperature (thermal_growth link:J3) 21.5; temperature (thermal_growth link:J4) 20"
+    )
+    assert said() == ""
+    sheet = export_sheet(replace(heavy, effects=(warm("J3", 21.5),)))
+    assert "holds_at,temperature,temperature,21.5,,degC" in sheet.text and "21.50000 degC" in sheet.page
+    (tmp_path / "warm.urdf").write_text(export(replace(heavy, effects=(warm("J3", 21.5),))).text)
+    again = replace(heavy, robot=load_robot(tmp_path / "warm.urdf", heavy.robot.tip), effects=(warm("J3", 25.0),))
+    assert re.findall("Lengths.* at (.*) -->", export(again).text) == ["temperature = 25 °C."]

@@ -221,3 +221,36 @@ def test_a_load_that_changes_while_the_arm_stands_parts_the_stand(tmp_path: Path
     expected = tip(np.insert(POSES, 3, POSES[3], axis=0))[:, 2] - np.where(np.arange(10) > 3, 2e-3, 0.0)
     assert np.allclose(found.columns["z"], expected, atol=5e-5)
     assert any(f"stands of joints.csv are parted where '{name}' changes" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(("clock", "per_second"), [("ts", 1.0), ("ts_ms", 1e3), ("t_ms", 1e3)])
+def test_numbers_of_a_dense_log_are_kept_as_means_of_each_stand(tmp_path: Path, clock: str, per_second: float) -> None:
+    ends = np.cumsum(1.2 + PAUSES)
+    stand = np.searchsorted(ends, T)
+    speed = np.gradient(Q[:, 0], T)
+    gap = ["" if t < ends[1] else f"{t:.3f}" for t in T]  # of a topic that fell silent in two stands
+    beside = {"I_J1": 2.0 + stand, "speed_J1": speed, "motor_temp_J1": 20.0 + 0.1 * stand, "fx": speed, "hours": gap}
+    of_rows = zip(per_second * T, Q, *beside.values(), strict=True)
+    rows = [
+        f"{t:.6f},{','.join(map(str, q))},{','.join(map(str, cells))},RUN,{i % 7}.5"
+        for i, (t, q, *cells) in enumerate(of_rows)
+    ]
+    head = f"{clock},{','.join(f'q_{name}' for name in NAMES)},{','.join(beside)},mode,count"
+    (tmp_path / "joints.csv").write_text("\n".join([head, *rows]))
+    seen = [f"{t:.3f},{x:.4f},{y:.4f},{z:.4f}" for t, (x, y, z) in zip(TT, 1e3 * SEEN, strict=True)]
+    (tmp_path / "tracker.csv").write_text("\n".join(["time,x_mm,y_mm,z_mm", *seen]))
+    found = intake([tmp_path / "joints.csv", tmp_path / "tracker.csv"], 5e-5)
+    assert np.allclose(found.columns["I_J1"], 2.0 + np.arange(9))
+    assert np.allclose(found.columns["motor_temp_J1"], 20.0 + 0.1 * np.arange(9))
+    assert np.abs(found.columns["speed_J1"]).max() < 1e-3 < np.abs(speed).max()
+    assert [cell == "" for cell in found.columns["hours"]] == [i in (0, 1) for i in range(9)]
+    assert not {"fx", "mode", clock} & found.columns.keys() and len(found.columns["time"]) == 9
+    why = {column: (kind, why) for _, column, kind, _, why in found.taken}
+    assert why["I_J1"] == ("a covariate", "its mean while the arm stands") and why["fx"][0] == "not used"
+
+
+def test_a_stamp_beside_a_time_is_none(tmp_path: Path) -> None:
+    path = log(tmp_path)
+    head, *rows = path.read_text().splitlines()
+    path.write_text("\n".join([f"{head},ts", *(f"{row},{i}" for i, row in enumerate(rows))]))
+    assert "ts" not in intake([path], None).columns

@@ -109,16 +109,18 @@ def test_a_rival_that_changes_the_model_is_in_the_arm(fitted: State) -> None:
     assert np.linalg.norm(heavy - light) > 1e-4
 
 
-def test_a_rival_with_an_amplitude_that_moves_nothing_has_a_variance(fitted: State) -> None:
-    """Wind-up by load of a joint that nothing loads: a file in which a variance is zero would be refused."""
-    windup = Candidate(FRICTION_WINDUP, Location("elbow_joint", "ry", ("approach_elbow_joint",), (0, 1)), ())
-    rival = EffectBlock(windup.effect(np.zeros(2)), (), fitted.context, len(fitted.effects), np.full(2, np.inf))
-    values, spread = np.append(fitted.fit.values, [1e-4, 0.0]), np.zeros((len(fitted.fit.values) + 2,) * 2)
-    spread[-2, -2] = 1e-10
-    average = Averaged(fitted, (rival,), values, spread, np.zeros(len(values)))
-    known = certainty_of(fitted.fit)
-    stated = average.certainty(known).among(rival.parameters)
-    assert stated is not None and stated[0, 0] == pytest.approx(1e-10) and 0.0 < stated[1, 1] < 1e-20
+def test_what_moves_nothing_is_no_hypothesis(fitted: State) -> None:
+    """Wind-up by load of a joint that nothing loads: an amplitude that is not known would be no value of a file."""
+    windup = Candidate(FRICTION_WINDUP, Location("wrist_3_joint", "ry", ("approach_wrist_3_joint",), (0, 1)), ())
+    by_load = Candidate(FRICTION_WINDUP, replace(windup.location, terms=(1,)), ())
+    some = [Hypothesis(windup, -3.0), Hypothesis(by_load, -3.0)]
+    screen = linear(fitted, some).screen
+    screen.extend(some)  # as refined ones are
+    possible = [
+        one for one in screen.groups if one.hypothesis.prior > -np.inf and one.hypothesis.spot[0] == windup.law.name
+    ]
+    assert [group.hypothesis.one.location.terms for group in possible] == [(0,), (0,)]
+    assert all(screen.columns(group.places).any(axis=0).all() for group in possible)
 
 
 def test_a_rival_that_does_what_was_found_does_makes_readings_no_less_certain(fitted: State) -> None:

@@ -15,7 +15,7 @@ from armflex import predict, read_measurements, trace
 from armflex.cli.trace_command import as_json, print_trace
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.estimate.tip_uncertainty import tip_covariance
-from armflex.laws.effects.catalogue import CATALOGUE
+from armflex.laws.effects.catalogue import CATALOGUE, EVERY
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import Location
 from armflex.measured.points import read_points
@@ -121,6 +121,11 @@ def test_what_is_no_likelier_than_all_else_that_it_may_be_has_no_name(ran, capsy
     assert "Effects identified" not in told and "In the arm, but not settled" in told
     assert [each["named"] for report in (doubted, found) for each in as_json(report)["effects"]] == [False, True]
     assert headline(found).startswith("Identified: ") and "Not settled" not in " ".join(further(found))
+    tie, lead = (
+        dataclasses.replace(one, probability=share, credible=((other, 0.999 - share),)) for share in (0.502, 0.6)
+    )
+    assert lead.is_named and not tie.is_named  # of two that are exchangeable another draw gives either
+    assert headline(dataclasses.replace(found, found=(tie,))) == headline(doubted)
 
 
 def test_a_mass_is_of_the_link_that_the_joint_before_moves(ran) -> None:
@@ -138,6 +143,18 @@ def test_what_no_row_determines_by_itself_has_no_name(ran) -> None:
     open_ = dataclasses.replace(found, found=(dataclasses.replace(one, determined=False),))
     assert "of which these rows determine no value by itself." in " ".join(further(open_))
     assert "Identified" not in headline(open_) and as_json(open_)["effects"][0]["named"] is False
+
+
+def test_a_unit_of_a_column_is_one_of_that_column(ran, capsys) -> None:
+    found = ran[2]
+    place = Location("J2", "ry", ("hours",), (0, 1))
+    effect, std = Effect(EVERY["unnamed_line"], place, (1e-4, 1e-6, 3.0)), {"slope": 1e-5, "curvature": 1e-7}
+    line = dataclasses.replace(found.found[0], effect=effect, std=std)
+    other = dataclasses.replace(found, found=(line,))
+    units = [value["unit"] for value in as_json(other)["effects"][0]["parameters"].values()]
+    assert units[:2] == ["rad per unit of hours", "rad per unit of hours^2"]
+    print_trace(other)
+    assert "slope 0.0001 ± 1e-05 rad per unit of hours" in " ".join(capsys.readouterr().out.split())
 
 
 def test_suspects_are_all_that_compete(ran) -> None:
