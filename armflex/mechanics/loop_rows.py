@@ -104,7 +104,9 @@ def trees(loaded: LoadedArm) -> tuple[Tree, Tree | None, Tree]:
 
 
 class LoopSolver:
-    """One thread's compiled mechanism under some loads."""
+    """One thread's compiled mechanism under some loads; see `Quick`."""
+
+    quick, names = None, ()
 
     def __init__(self, loaded: LoadedArm, wrenches: Sequence[Wrench] = ()) -> None:
         mechanics = loaded.mechanics
@@ -121,7 +123,7 @@ class LoopSolver:
         self._one = OneRest(self._tree, self._single)
         self._plain: bool | None = None
 
-    def one(self, q: Array, covariates: Mapping[str, Array], motion: Array | None = None) -> Rest | None:
+    def __call__(self, q: Array, covariates: Mapping[str, Array], motion: Array | None = None) -> Rest | None:
         """Return where it rests at (nq,) positions; None beyond its limits, and where the engine does not answer."""
         if motion is not None or not self._loaded.arm.within_limits(q.tolist()):
             return None

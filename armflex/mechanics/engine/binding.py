@@ -281,9 +281,8 @@ class OneRow:
     """The engine with one chain in a control loop: positions in, where it rests out, in memory of its own.
 
     Attributes:
-        quick: The call, its first argument, and what copies what it filled: displacement (6), twists (6 n), and no
-            loads. The second argument is the bytes of (d,) positions that were looked at. It returns 0 where there is
-            no fixed point.
+        quick: The call, its first argument, and what copies the displacement (6) that it filled. The second argument is
+            the bytes of (d,) positions that were looked at. It returns 0 where there is no fixed point.
     """
 
     def __init__(self, tree: Tree, laws: Laws, bounds: Array, factors: Factors | None, known: Array) -> None:
@@ -298,7 +297,7 @@ class OneRow:
         self._links, self._wrenches = NO_LINKS, NO_WRENCHES
         self._motion, self._moves = np.zeros((1, 2, tree.driven)), False
         self._ask, self._short, self._whole = engine._library.engine_one, OneStruct(), OneStruct()
-        self.quick = self._ask, addressof(self._short), self._memory.copy
+        self.quick = self._ask, addressof(self._short), self._memory[:6].copy
         self._point()
 
     def set_loads(self, links: np.ndarray, wrenches: Array) -> None:
@@ -314,9 +313,9 @@ class OneRow:
         engine, self._held = self._engine, self._engine._work()
         displacement, twists, loads = addresses(parts_of(self._memory))
         room = address(self._held)
-        for asked, into in ((self._short, None), (self._whole, loads)):  # in place: `quick` has the address of one
-            asked.arm, asked.displacement, asked.twists = engine._arm, displacement, twists
-            asked.loads, asked.room = into, room
+        for asked in (self._short, self._whole):  # in place: `quick` has the address of one
+            asked.arm, asked.displacement, asked.room = engine._arm, displacement, room
+        self._whole.twists, self._whole.loads = twists, loads
         engine._library.engine_ready(engine._arm, room)
 
     def __call__(self, q: Array, motion: Array | None = None) -> tuple[Array, Array, Array] | None:
