@@ -25,12 +25,11 @@ from armflex.laws.effects.in_arm import BoundTwist, Pulling, about_time, depende
 from armflex.laws.effects.shapes import middle_of
 from armflex.laws.effects.umbilical import hook_of
 from armflex.laws.terms import Neurons, Of, Term
-from armflex.mechanics.chain import link_frame
 from armflex.mechanics.engine import build
 from armflex.mechanics.engine.binding import NO_LINKS, NO_WRENCHES, Engine
 from armflex.mechanics.engine.tables import NO_CHANGES, Factors, Laws, Tables, Tree
 from armflex.mechanics.laws import LawStack
-from armflex.mechanics.loop_rows import trees
+from armflex.mechanics.tree import link_frame
 from armflex.rows.rows import HOLD, TIME
 
 HERE = Path(__file__).parent
@@ -84,12 +83,13 @@ def export(arm: Arm, name: str = "arm") -> Exported:
         PayloadError: A payload's centre of mass is beyond the arm's reach.
     """
     check_name(name)
-    if arm.chain and not arm.modelled:  # C has no arrays without length: a rigid arm has a flexure that does not give
+    tied = arm.loaded(None).tied
+    if not (tied or arm.modelled):  # C has no arrays without length: a rigid arm has a flexure that does not give
         arm = replace(arm, flexures=(Flexure("rigid", arm.joint_names[0], _stiff),))
     payloads = ("none", *(one for one in arm.payloads if one != "none"))
     for one in payloads:
         _ = arm.loaded(one).flags  # raises where a payload is impossible
-    parts = (_chain if arm.chain else _loops)(arm, payloads, name)
+    parts = (_loops if tied else _chain)(arm, payloads, name)
     factors, linkage = parts.factors, arm.robot.linkage
     counts = {
         "JOINTS": (len(arm.joint_names), "drives, cylinders among them"),
@@ -126,7 +126,7 @@ def export(arm: Arm, name: str = "arm") -> Exported:
     for mark, part in (
         ("/*@mechanics*/", mechanics),
         ("/*@head*/", c_head(arm, functions, threads, bounds)),
-        ("/*@engine*/\n", _engine("CHAIN" if arm.chain else "LOOPS")),
+        ("/*@engine*/\n", _engine("LOOPS" if tied else "CHAIN")),
         ("/*@constants*/", "\n".join(tables)),
         ("/*@nominal*/\n", "    m.table = nominal[0];\n" if parts.nominal else ""),
     ):
@@ -155,8 +155,7 @@ def _loops(arm: Arm, payloads: tuple[str, ...], name: str) -> _Parts:
     """Return what C has of an arm with loops or springs."""
     loaded = [arm.loaded(one) for one in payloads]
     factors = _factors(arm)
-    each, numbers = [trees(one)[:2] for one in loaded], arm.stack.numbers
-    true, nominal = each[0]
+    true, nominal, numbers = loaded[0].tree, loaded[0].nominal, arm.stack.numbers
     first, given = loaded[0].mechanics.true, not arm.robot.linkage
     start, home, settled = (np.zeros(0), arm.robot.home.copy(), np.zeros(0)) if given else first.beginning()
     room = _room(true, numbers.compliance[0], factors.varies) + 1
@@ -175,7 +174,7 @@ def _loops(arm: Arm, payloads: tuple[str, ...], name: str) -> _Parts:
         c_real("home_passive", "joints without a drive there", start if settled is None else settled),
         c_real("start_passive", "their q0", start),
     ]
-    described = [_described(one, numbers, factors) for one, _ in each]
+    described = [_described(one.tree, numbers, factors) for one in loaded]
     stack = 8 * (room + 58 * n + 3 * p + 2 * m * m + m + true.driven + len(factors.names) + 70) + BESIDE["loops"]
     bounds = (
         f"Every loop is bounded: {name}_follow closes the loops MOST_PARTS MOST times and weighs the arm STEPS times",
@@ -247,7 +246,7 @@ def _chain(arm: Arm, payloads: tuple[str, ...], name: str) -> _Parts:
     wrenches, pulling = np.array([one[1] for one in pulls]), np.array([one[2] for one in pulls])
     described = []
     for payload in payloads:
-        tables = _described(arm.loaded(payload).chain, laws, factors, links, wrenches.reshape(1, -1, 9))
+        tables = _described(arm.loaded(payload).tree, laws, factors, links, wrenches.reshape(1, -1, 9))
         tables.set_pulls(pulling.reshape(-1, 6))
         tables.set_windows(windowed, windows.reshape(-1, 79))
         described.append(tables)
@@ -365,7 +364,7 @@ def _pull(arm: Arm, pulling: Pulling) -> list[tuple[list[int], Array, Array]]:
     """Return a load effect as link, wrench and pull for the engine, nothing where it acts on what stands."""
     bare = arm.loaded(None)
     _, element, _, placement = link_frame(bare.flex.model, bare.flex.frame(pulling.frame))
-    flexures = bare.chain.flexures_inboard(element)
+    flexures = bare.tree.flexures_inboard(element)
     if not flexures:
         return []
     kind, hook, anchor, size, reach = PULLS[pulling.law.name](pulling)

@@ -101,7 +101,7 @@ def find_equilibrium(
 
 def quick_of(loaded: LoadedArm, wrenches: tuple[Wrench, ...]) -> Quick:
     """Return this thread's engine under some loads: a function of (nq,) positions and covariates."""
-    if not loaded.arm.chain:
+    if loaded.tied:
         return solver_of(loaded, wrenches)
     one = getattr(loaded.kept, "one", None)
     if one is None:

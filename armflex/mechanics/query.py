@@ -97,10 +97,10 @@ class Prepared:
 
     def _workspace(self) -> tuple[Ask, Quick]:
         """Return the engine with memory of its own, and, of an arm with loops, with its own way along their rows."""
-        if self._loaded.arm.chain:
-            quick = OneChain(self._loaded).under(self._wrenches)
-        else:
+        if self._loaded.tied:
             quick = LoopSolver(replace(self._loaded, kept=threading.local()), self._wrenches)
+        else:
+            quick = OneChain(self._loaded).under(self._wrenches)
         return quick.quick or NEVER, quick
 
     @property
