@@ -45,8 +45,6 @@ class Rested(NamedTuple):
 class LoopSolver:
     """One thread's compiled mechanism under some loads; see `Quick`."""
 
-    quick, names = None, ()
-
     def __init__(self, loaded: LoadedArm, wrenches: Sequence[Wrench] = ()) -> None:
         mechanics = loaded.mechanics
         true, self._controlled = mechanics.true, mechanics.nominal

@@ -24,8 +24,11 @@ from armflex.rows.wrench import Wrench, check_rows
 FLOAT = np.dtype(float)
 NOTHING: Mapping[str, Array] = {}
 
-Ask = tuple[Callable[..., int], int, Callable[[], Array]]
+Ask = tuple[Callable[..., int], object, Callable[[], Array]]
 """See `OneRow.quick`."""
+
+Knows = Callable[[Mapping[str, Array]], bool] | None
+"""What takes covariates over, None where there are none to know."""
 
 NEVER: Ask = (lambda _, __: 0), 0, np.zeros(6).copy
 
@@ -77,9 +80,9 @@ class Prepared:
                 room = self._free.pop()  # which no other thread has meanwhile
             except IndexError:
                 room = self._workspace()
-            (ask, where, displacement), quick = room
+            (ask, where, displacement), knows, quick = room
             try:
-                if (not quick.names or quick.knows(given)) and ask(where, numbers := q.tobytes()):
+                if (knows is None or knows(given)) and ask(where, numbers := q.tobytes()):
                     self._last = numbers, given, None
                     return displacement()
                 rest = quick(q, given, None)
@@ -95,13 +98,12 @@ class Prepared:
         self._last = checked, given, rest
         return rest.displacement
 
-    def _workspace(self) -> tuple[Ask, Quick]:
+    def _workspace(self) -> tuple[Ask, Knows, Quick]:
         """Return the engine with memory of its own, and, of an arm with loops, with its own way along their rows."""
         if self._loaded.tied:
-            quick = LoopSolver(replace(self._loaded, kept=threading.local()), self._wrenches)
-        else:
-            quick = OneChain(self._loaded).under(self._wrenches)
-        return quick.quick or NEVER, quick
+            return NEVER, None, LoopSolver(replace(self._loaded, kept=threading.local()), self._wrenches)
+        chain = OneChain(self._loaded).under(self._wrenches)
+        return chain.quick or NEVER, chain.knows if chain.names else None, chain
 
     @property
     def _rest(self) -> Rest:
@@ -110,7 +112,7 @@ class Prepared:
             return Rest(np.zeros(6), np.zeros((n, 6)), np.zeros((n, 6)))
         q, given, rest = self._last
         if rest is None:  # nothing but where the tip is
-            rest = self._workspace()[1](self.q, given, None)
+            rest = self._workspace()[-1](self.q, given, None)
             assert rest is not None
             self._last = q, given, rest
         return rest

@@ -48,7 +48,7 @@ def _untied(flex: FlexModel, flexure_joints: Sequence[int]) -> Tree:
     return Tree(elements, kinds, parents, *ties, rows, rows, flexures, inertias, driven, passive)
 
 
-def tree_of(flex: FlexModel, ties: Ties | None = None, offsets: Sequence[float] = ()) -> Tree:
+def tree_of(flex: FlexModel, ties: Ties | None = None, offsets: Array | Sequence[float] = ()) -> Tree:
     """Return an arm in arrays.
 
     Args:

@@ -296,8 +296,10 @@ class OneRow:
         self._memory = np.zeros(6 + 12 * n)
         self._links, self._wrenches = NO_LINKS, NO_WRENCHES
         self._motion, self._moves = np.zeros((1, 2, tree.driven)), False
-        self._ask, self._short, self._whole = engine._library.engine_one, OneStruct(), OneStruct()
-        self.quick = self._ask, addressof(self._short), self._memory[:6].copy
+        self._short, self._whole = OneStruct(), OneStruct()
+        self._ask = engine._library["engine_one"]  # of its own, without types to look at in every call
+        self._where, short = c_void_p(addressof(self._whole)), c_void_p(addressof(self._short))
+        self.quick = self._ask, short, self._memory[:6].copy
         self._point()
 
     def set_loads(self, links: np.ndarray, wrenches: Array) -> None:
@@ -332,7 +334,7 @@ class OneRow:
             self._point()
         if motion is not None:
             self._motion[0] = motion
-        return parts_of(self._memory.copy()) if self._ask(addressof(self._whole), q.tobytes()) else None
+        return parts_of(self._memory.copy()) if self._ask(self._where, q.tobytes()) else None
 
 
 def parts_of(found: Array) -> tuple[Array, Array, Array]:
