@@ -311,13 +311,8 @@ class LoadedArm:
             _, joint, _, pose = link_frame(model, flex.frame(name))
             return joint, pose.translation
 
-        bound = bound_stability(model, self.flexure_joints, self.arm.stack, ranges, travel, drives, link)
+        bound = bound_stability(model, self.tree.flexures.tolist(), self.arm.stack, ranges, travel, drives, link)
         return bound.under(self.arm.pulls)
-
-    @cached_property
-    def flexure_joints(self) -> tuple[int, ...]:
-        """Pinocchio joints of the flexures, in order; those at closures have none."""
-        return _carriers(self.flex)
 
     @cached_property
     def tied(self) -> bool:
@@ -362,7 +357,8 @@ class LoadedArm:
         """
         model, arm, here = self.with_tool.model, self.arm, pin.SE3.Identity()
         own = [site for site in arm.sites if site.joint not in arm.robot.linkage.joined]
-        pairs = zip(own, _carriers(self.with_tool), strict=True)
+        in_tree = [element for element in self.sited_tree.flexures.tolist() if element >= 0]
+        pairs = zip(own, in_tree, strict=True)
         last = {site.joint: joint for site, joint in pairs if not site.before}
         base = last.get(None, 0)
         found = [("base", base, base, here)]
@@ -416,12 +412,6 @@ class LoadedArm:
     def mass(self) -> float:
         """Of everything that moves, the payload included [kg]."""
         return float(pin.computeTotalMass(self.rigid.model))
-
-
-def _carriers(flex: FlexModel) -> tuple[int, ...]:
-    """Return Pinocchio's joints of the flexures in the tree, in order."""
-    starts = {joint.idx_v: joint.id for joint in flex.model.joints if joint.nv == 6}
-    return tuple(starts[place] for place in flex.flexure_v[::6].tolist() if place in starts)
 
 
 def _again(arm: Structure, payload: Payload, gravity: Array | None) -> LoadedArm:
