@@ -255,11 +255,6 @@ class Arm:
         """Names of the flexures, those that only effects make last: the order of wrenches and twists."""
         return tuple(flexure.name for flexure in self.modelled)
 
-    @property
-    def chain(self) -> bool:
-        """Whether it is a chain without springs and loops: compiled code knows no others."""
-        return not self.springs and not self.robot.linkage
-
     @cached_property
     def link_names(self) -> tuple[str, ...]:
         """Names of the links at and beyond the base."""

@@ -107,7 +107,7 @@ def ensemble(
     rows = check_positions(arm, np.atleast_2d(positions), enforce_limits=True)
     count = len(rows) if positions.ndim == 2 else 0
     columns = {name: covariate_array(values, name, count) for name, values in (covariates or {}).items()}
-    if arm.certainty is None and arm.chain and not arm.pulls:
+    if arm.certainty is None and not (arm.pulls or arm.loaded(None).tied):
         displacements = drawn_displacements(arm, rows, payload, columns, draws, seed)
     else:  # one after the other
         displacements = np.empty((draws, len(rows), 6))

@@ -16,7 +16,7 @@ from armflex.arm import Arm, Flexure
 from armflex.conventions import Array
 from armflex.errors import ArmflexError, UnsupportedError
 from armflex.export import Exported
-from armflex.export.c_text import c_head, c_limits, c_names, c_real, c_rows, c_whole, check_name
+from armflex.export.c_text import c_arms, c_head, c_limits, c_names, c_real, c_whole, check_name
 from armflex.export.rigid import measured_points, said_points
 from armflex.laws import Law, LinearLaw
 from armflex.laws.effects.context import MASS
@@ -25,12 +25,11 @@ from armflex.laws.effects.in_arm import BoundTwist, Pulling, about_time, depende
 from armflex.laws.effects.shapes import middle_of
 from armflex.laws.effects.umbilical import hook_of
 from armflex.laws.terms import Neurons, Of, Term
-from armflex.mechanics.chain import link_frame
 from armflex.mechanics.engine import build
-from armflex.mechanics.engine.binding import Engine
-from armflex.mechanics.engine.tables import Factors, Laws, Tree
+from armflex.mechanics.engine.binding import NO_LINKS, NO_WRENCHES, Engine
+from armflex.mechanics.engine.tables import NO_CHANGES, Factors, Laws, Tables, Tree
 from armflex.mechanics.laws import LawStack
-from armflex.mechanics.loop_rows import trees
+from armflex.mechanics.tree import link_frame
 from armflex.rows.rows import HOLD, TIME
 
 HERE = Path(__file__).parent
@@ -51,8 +50,9 @@ class _Parts(NamedTuple):
     Attributes:
         mechanics: Name of the C beside this file.
         counts: How many of each there are, and what they are.
-        tables: Its tables.
-        nominal: Where the rigid arm is another to the controller: its count of elements, and whether it has ties.
+        constants: What its calls read beside the tables of the arm.
+        described: The arm with each payload.
+        nominal: The rigid arm where it is another to the controller.
         factors: What changes with columns.
         stack: Bytes that the calls take.
         bounds: Lines that say how long they take.
@@ -61,8 +61,9 @@ class _Parts(NamedTuple):
 
     mechanics: str
     counts: dict[str, tuple[int, str]]
-    tables: list[str]
-    nominal: int
+    constants: list[str]
+    described: list[Tables]
+    nominal: Tree | None
     factors: Factors
     stack: dict[str, int]
     bounds: tuple[str, ...]
@@ -82,19 +83,19 @@ def export(arm: Arm, name: str = "arm") -> Exported:
         PayloadError: A payload's centre of mass is beyond the arm's reach.
     """
     check_name(name)
-    if arm.chain and not arm.modelled:  # C has no arrays without length: a rigid arm has a flexure that does not give
+    tied = arm.loaded(None).tied
+    if not (tied or arm.modelled):  # C has no arrays without length: a rigid arm has a flexure that does not give
         arm = replace(arm, flexures=(Flexure("rigid", arm.joint_names[0], _stiff),))
     payloads = ("none", *(one for one in arm.payloads if one != "none"))
     for one in payloads:
         _ = arm.loaded(one).flags  # raises where a payload is impossible
-    parts = (_chain if arm.chain else _loops)(arm, payloads, name)
+    parts = (_loops if tied else _chain)(arm, payloads, name)
     factors, linkage = parts.factors, arm.robot.linkage
     counts = {
         "JOINTS": (len(arm.joint_names), "drives, cylinders among them"),
         "PAYLOADS": (len(payloads), "payloads"),
         "COVARIATES": (len(factors.names), "covariates"),
         "FACTORS": (len(factors.factor), "functions of a column, the first is 1"),
-        "CHANGING": (len(factors.change), "parts of laws that depend on a column"),
         **parts.counts,
     }
     state = counts["STATE"][0]
@@ -110,10 +111,9 @@ def export(arm: Arm, name: str = "arm") -> Exported:
         f"{{{', '.join(['NAN'] * len(factors.names)) or '0.0'}}};",
         c_limits(arm, "drive"),
         c_real("masses", "of the payloads [kg]", np.array([arm.payload(one).mass for one in payloads])),
-        c_rows("factors", "kind, column, numbers; see factor_at", factors.factor),
-        c_real("knots", "values of tables", factors.knots),
-        c_rows("changing", "flexure, two factors, offset, compliance", factors.change),
-        *parts.tables,
+        *parts.constants,
+        *c_arms("arms", parts.described),
+        *(c_arms("nominal", [Tables(parts.nominal)]) if parts.nominal else ()),
     ]
     beside = f"Stack: {name}_tip and {name}_follow take up to {parts.stack['tip']} bytes, "
     bounds = *parts.bounds, f"{beside}{name}_compensate up to {parts.stack['compensate']}."
@@ -123,13 +123,12 @@ def export(arm: Arm, name: str = "arm") -> Exported:
     text, mechanics = (
         re.sub(r"\bNAME_(?=[a-z])", f"{name}_", (HERE / f"{stem}.c").read_text(encoding="utf-8")) for stem in texts
     )
-    known = f"{NOMINAL.replace('COUNT', str(parts.nominal))}{'' if arm.chain else NOMINAL_TIES}}}\n"
     for mark, part in (
-        ("/*@mechanics*/", mechanics.replace("/*@known*/\n", known + "\n" if parts.nominal else "")),
+        ("/*@mechanics*/", mechanics),
         ("/*@head*/", c_head(arm, functions, threads, bounds)),
-        ("/*@engine*/\n", _engine("CHAIN" if arm.chain else "LOOPS")),
+        ("/*@engine*/\n", _engine("LOOPS" if tied else "CHAIN")),
         ("/*@constants*/", "\n".join(tables)),
-        ("/*@nominal*/\n", "    use_known(&m.table, payload);\n" if parts.nominal else ""),
+        ("/*@nominal*/\n", "    m.table = nominal[0];\n" if parts.nominal else ""),
     ):
         text = text.replace(mark, part)
     notes = [f"{arm.robot.urdf.name} as C, payloads {', '.join(payloads)}"]
@@ -149,24 +148,6 @@ def export(arm: Arm, name: str = "arm") -> Exported:
     return Exported(text, tuple(notes), said, about_time(arm, (TIME, HOLD)))
 
 
-NOMINAL = """/* Fill the tables of the rigid arm as the controller knows it. */
-static void use_known(arm *a, int payload)
-{
-    a->count = COUNT;
-    a->flexures = a->pushes = 0;
-    a->elements = nominal_elements[payload];
-    a->kinds = nominal_kinds;
-"""
-
-NOMINAL_TIES = """    a->parents = nominal_parents;
-    a->carried = nominal_carried;
-    a->tie = nominal_ties;
-    a->joins = nominal_joins;
-    a->row = nominal_rows;
-    a->way = nominal_ways;
-"""
-
-
 # Loops, springs and cylinders.
 
 
@@ -174,42 +155,44 @@ def _loops(arm: Arm, payloads: tuple[str, ...], name: str) -> _Parts:
     """Return what C has of an arm with loops or springs."""
     loaded = [arm.loaded(one) for one in payloads]
     factors = _factors(arm)
-    each, numbers = [trees(one)[:2] for one in loaded], arm.stack.numbers
-    true, nominal = each[0]
+    true, nominal, numbers = loaded[0].tree, loaded[0].nominal, arm.stack.numbers
     first, given = loaded[0].mechanics.true, not arm.robot.linkage
     start, home, settled = (np.zeros(0), arm.robot.home.copy(), np.zeros(0)) if given else first.beginning()
     room = _room(true, numbers.compliance[0], factors.varies) + 1
     p, m, n = true.passive, len(true.rows), len(true.flexures)
     counts = {
         "PASSIVE": (p, "joints without a drive"),
-        "ELEMENTS": (len(true.parents), "elements: joints, flexures, and what stands"),
         "FLEXURES": (n, "flexures"),
-        "TIES": (len(true.joins), "loops, cylinders, followers and springs"),
-        "ROWS": (m, "rows that they close"),
+        "ROWS": (m, "rows that ties close"),
         "HOME": (int(settled is not None), "whether the loops close at home"),
         "STRAIGHT": (int(given or settled is None or first.given), "whether q0 is given"),
         "STATE": (1 + true.driven + p if p else 0, "numbers that are carried from call to call"),
         "ROOM": (room, "numbers that are worked with"),
     }
-    tables = [
+    constants = [
         c_real("home", "drives at home [rad or m]", home),
         c_real("home_passive", "joints without a drive there", start if settled is None else settled),
         c_real("start_passive", "their q0", start),
-        *_tree("", true, [one.elements for one, _ in each], ties=True),
-        c_whole("flexures", "element of each, or -1 - its closure", true.flexures),
-        c_real("constant_compliance", "of the flexures [m/N, rad/Nm and mixed]", numbers.compliance),
-        c_real("constant_offset", "twists without load [m, rad]", numbers.offset),
     ]
-    if nominal is not None:
-        tables += _tree("nominal_", nominal, [one.elements for _, one in each if one is not None], ties=True)
-    stack = 8 * (room + 58 * n + 3 * p + 2 * m * m + m + 3 * true.driven + len(factors.names) + 70) + BESIDE["loops"]
+    described = [_described(one.tree, numbers, factors) for one in loaded]
+    stack = 8 * (room + 58 * n + 3 * p + 2 * m * m + m + true.driven + len(factors.names) + 70) + BESIDE["loops"]
     bounds = (
         f"Every loop is bounded: {name}_follow closes the loops MOST_PARTS MOST times and weighs the arm STEPS times",
         f"at most, some 3 and 5 times usually; {name}_compensate MOST_JUMPS + 1 times as often, some 4 times usually.",
     )
     taken = {"tip": stack, "follow": stack, "compensate": stack + 8 * (30 * true.driven + 60)}
-    known = 0 if nominal is None else len(nominal.parents)
-    return _Parts("loops", counts, tables, known, factors, taken, bounds, [])
+    return _Parts("loops", counts, constants, described, nominal, factors, taken, bounds, [])
+
+
+def _described(
+    tree: Tree, laws: Laws, factors: Factors, links: np.ndarray = NO_LINKS, wrenches: Array = NO_WRENCHES
+) -> Tables:
+    """Return an arm as the engine is given it."""
+    tables = Tables(tree)
+    tables.set_laws(laws, 1)
+    tables.set_loads(links, wrenches, NO_CHANGES, 1)
+    tables.set_factors(factors, np.zeros(1 + len(factors.names)))
+    return tables
 
 
 def _factors(arm: Arm) -> Factors:
@@ -250,44 +233,27 @@ def _chain(arm: Arm, payloads: tuple[str, ...], name: str) -> _Parts:
     bounds = [arm.loaded(one).stability_bound for one in payloads]
     proven = [bound is not None and bound.proven for bound in bounds]
     unproven = [one for one, sure in zip(payloads, proven, strict=True) if not sure]
-    trees, nominal = [arm.loaded(one).chain for one in payloads], arm.loaded(None).nominal
     laws, factors, windowed, windows = _laws(arm)
     pulls = [row for pulling in arm.pulls for row in _pull(arm, pulling)]
-    true, n, nq = trees[0], len(trees[0].flexures), len(arm.joint_names)
-    terms = len(laws.bent)
+    n, nq, terms = len(arm.flexure_names), len(arm.joint_names), len(laws.bent)
     room = 91 * n + terms + len(factors.factor) + 9 * len(pulls) + 2
     counts = {
-        "ELEMENTS": (len(true.parents), "elements of the chain, the root among them"),
         "FLEXURES": (n, "flexures"),
-        "PULLS": (len(pulls), "forces from outside"),
-        "TERMS": (terms, "parts of laws that are not linear in the load"),
         "STATE": (0, "numbers that are carried from call to call"),
         "ROOM": (room, "numbers that are worked with"),
     }
     links = np.array([one[0] for one in pulls], dtype=np.int64).reshape(-1, 3)
-    tables = [
+    wrenches, pulling = np.array([one[1] for one in pulls]), np.array([one[2] for one in pulls])
+    described = []
+    for payload in payloads:
+        tables = _described(arm.loaded(payload).tree, laws, factors, links, wrenches.reshape(1, -1, 9))
+        tables.set_pulls(pulling.reshape(-1, 6))
+        tables.set_windows(windowed, windows.reshape(-1, 79))
+        described.append(tables)
+    constants = [
         f"#define UNPROVEN {len(unproven)} /* payloads with which no bound proves that the arm cannot buckle */",
         c_whole("proven", "whether a payload's weight is proven to be unable to make the arm buckle", np.array(proven)),
-        *_tree("", true, [one.elements for one in trees]),
-        c_real("constant_compliance", "of the flexures [m/N, rad/Nm and mixed]", laws.compliance),
-        c_real("constant_offset", "twists without load [m, rad]", laws.offset),
-        c_real("neurons", "units, bias and gains of blocks of four neurons", laws.neurons),
-        c_whole("starts", "first block of each flexure", laws.starts),
-        c_real("bent", "matrix, along, whether there is a matrix", laws.bent),
-        c_real("shapes", "kind, bias, exponent, u, form", laws.shapes),
-        c_whole("spans", "first term of each flexure", laws.spans),
-        c_whole("pieces", "first shape of each term", laws.pieces),
-        c_real("weights", "of terms", np.ones(terms)),
-        c_whole("weighing", "factors of terms", factors.weighing),
-        c_whole("varies", "whether a flexure has parts that change", factors.varies),
-        c_whole("windowed", "window of each term, -1 for none", windowed),
-        c_real("windows", "of learned corrections: mean, precision, energy, where they have faded", windows),
-        c_whole("links", "of what pulls: element, flexures inboard, 0", links),
-        c_real("wrenches", "point, force, moment", np.array([one[1] for one in pulls])),
-        c_real("pulls", "kind, anchor, size, reach", np.array([one[2] for one in pulls])),
     ]
-    if nominal is not None:
-        tables += _tree("nominal_", nominal, [nominal.elements] * len(payloads))
     tip = 8 * (room + nq + len(factors.names) + 12 * n + 120) + BESIDE["chain"]
     tip += 8 * (36 * n * n + 400 * n + 120) if unproven else 0
     taken = {"tip": tip, "follow": tip, "compensate": tip + 8 * ((6 * nq + 12) * n + 20 * nq + 60)}
@@ -301,8 +267,8 @@ def _chain(arm: Arm, payloads: tuple[str, ...], name: str) -> _Parts:
         *(newton if unproven else ()),
     )
     notes = [f"payload {one!r}: no bound proves that the arm cannot buckle; every answer is probed" for one in unproven]
-    known = 0 if nominal is None else len(nominal.parents)
-    return _Parts("chain", counts, tables, known, factors, taken, said, notes)
+    nominal = arm.loaded(None).nominal
+    return _Parts("chain", counts, constants, described, nominal, factors, taken, said, notes)
 
 
 class _InTerms(Law):
@@ -398,7 +364,7 @@ def _pull(arm: Arm, pulling: Pulling) -> list[tuple[list[int], Array, Array]]:
     """Return a load effect as link, wrench and pull for the engine, nothing where it acts on what stands."""
     bare = arm.loaded(None)
     _, element, _, placement = link_frame(bare.flex.model, bare.flex.frame(pulling.frame))
-    flexures = bare.chain.flexures_inboard(element)
+    flexures = bare.tree.flexures_inboard(element)
     if not flexures:
         return []
     kind, hook, anchor, size, reach = PULLS[pulling.law.name](pulling)
@@ -433,21 +399,3 @@ def _engine(own: str) -> str:
         header, text, rest = (block.sub("", part) for part in (header, text, rest))
     text = text.replace('#include "engine.h"\n', "").replace('#include "rest.h"\n', rest)
     return f"#define {own} 1\n{header}\n{text}"
-
-
-def _tree(prefix: str, tree: Tree, elements: list[Array], ties: bool = False) -> list[str]:
-    """Return the tables of a tree, whose elements are others with every payload."""
-    tables = [
-        c_rows(f"{prefix}elements", "for each payload; see engine.h", np.array([one.ravel() for one in elements])),
-        c_whole(f"{prefix}kinds", "kind, number, order", tree.kinds),
-    ]
-    if ties:
-        tables += [
-            c_whole(f"{prefix}parents", "", tree.parents),
-            c_real(f"{prefix}carried", "", tree.carried),
-            c_real(f"{prefix}ties", "", tree.ties),
-            c_whole(f"{prefix}joins", "", tree.joins),
-            c_real(f"{prefix}rows", "", tree.rows),
-            c_real(f"{prefix}ways", "", tree.ways),
-        ]
-    return tables

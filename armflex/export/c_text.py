@@ -10,7 +10,11 @@ from armflex.arm import Arm
 from armflex.conventions import LARGEST_POSITION, Array
 from armflex.errors import InputError
 from armflex.export.quoting import c_comment, c_string
+from armflex.mechanics.engine.tables import ARRAYS, NUMBERS, Tables
 from armflex.version import __version__
+
+LENT = ("known", "bounds", "changes", "inertias", "motion")
+"""Arrays that a controller has in memory of its own, or has no use for."""
 
 KEYWORDS = (
     "auto break case char const continue default do double else enum extern float for goto if inline int long register "
@@ -85,11 +89,19 @@ def c_whole(name: str, what: str, values: np.ndarray) -> str:
     return _array(f"whole {name}[{len(flat)}]", what, [str(value) for value in flat])
 
 
-def c_rows(name: str, what: str, values: Array) -> str:
-    """Return a table of rows; C has none without length."""
-    rows = values if len(values) else np.zeros((1, values.shape[1]))
-    shown = ["{" + ", ".join(c_number(value) for value in row) + "}" for row in rows]
-    return _array(f"double {name}[{len(rows)}][{rows.shape[1]}]", what, shown)
+def c_arms(name: str, described: Sequence[Tables]) -> list[str]:
+    """Return tables of the engine as constants: an array of `arm`, and before it what they point to, each once."""
+    tables, names, arms = [], {}, []
+    for number, one in enumerate(described):
+        fields = [f".{field} = {value}" for field in NUMBERS.split() if (value := getattr(one.struct, field))]
+        for field in [field for field in ARRAYS.split() if field in one.arrays and field not in LENT]:
+            array = one.arrays[field]
+            printed = names.setdefault((field, array.shape, array.tobytes()), f"{name}_{field}_{number}")
+            fields.append(f".{field} = {printed}")
+            if printed.endswith(f"_{number}"):
+                tables.append((c_whole if array.dtype.kind == "i" else c_real)(printed, "", array))
+        arms.append("{" + ",\n        ".join(fields) + "},")
+    return [*tables, c_table(f"arm {name}[{len(arms)}]", "see engine.h", arms)]
 
 
 def _array(declared: str, what: str, parts: list[str]) -> str:

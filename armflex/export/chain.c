@@ -34,45 +34,15 @@ typedef struct {
 /* Fill the tables of the arm with a payload, without twists. */
 static void describe(chain *m, const double *q, int payload)
 {
-    arm *a = &m->table;
-    memset(a, 0, sizeof *a);
+    m->table = arms[payload];
+    m->table.known = m->known;
     memcpy(m->q, q, sizeof m->q);
     m->payload = payload;
     m->known[0] = masses[payload];
     for (int i = 0; i < COVARIATES; i++) {
         m->known[1 + i] = NAME_covariates[i];
     }
-    a->count = ELEMENTS;
-    a->flexures = FLEXURES;
-    a->driven = JOINTS;
-    a->pushes = PULLS;
-    a->terms = TERMS;
-    a->factors = FACTORS;
-    a->changing = CHANGING;
-    a->law_rows = a->weight_rows = a->wrench_rows = 1;
-    a->elements = elements[payload];
-    a->kinds = kinds;
-    a->compliance = constant_compliance;
-    a->offset = constant_offset;
-    a->neurons = neurons;
-    a->starts = starts;
-    a->bent = bent;
-    a->shapes = shapes;
-    a->spans = spans;
-    a->pieces = pieces;
-    a->weights = weights;
-    a->factor = factors[0];
-    a->knots = knots;
-    a->change = changing[0];
-    a->weighing = weighing;
-    a->varies = varies;
-    a->known = m->known;
-    a->links = links;
-    a->wrenches = wrenches;
-    a->pulls = pulls;
-    a->windowed = windowed;
-    a->windows = windows;
-    m->s = divide_one(a, m->room);
+    m->s = divide_one(&m->table, m->room);
     for (int k = 0; k < FLEXURES; k++) {
         m->s.f[k].apart = 0;
         for (int b = 0; b < 6; b++) {
@@ -474,7 +444,7 @@ int NAME_tip(const double *q, int payload, double *pose)
         code = stays(&m);
     }
     if (code == FINE) {
-        const double *u = m.s.quaternion, *own = elements[payload] + 20 * ELEMENTS;
+        const double *u = m.s.quaternion, *own = m.table.elements + 20 * m.table.count;
         double tip[3];
         flexed_tip(&m, tip);
         for (int j = 0; j < 3; j++) {
@@ -501,7 +471,6 @@ int NAME_follow(const double *q, int payload, double *state, double *pose)
     return NAME_tip(q, payload, pose);
 }
 
-/*@known*/
 /* ---- Compensation ----------------------------------------------------------------------------------------------- */
 
 /* Write the change of the flexed tip [m] per joint about where the arm rests: it comes to rest again. `slope` holds the

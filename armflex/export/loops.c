@@ -4,7 +4,7 @@ static const double FINEST = 1e-4; /* share of the way to other positions that i
 /* Where the mechanism is asked about: laws at the positions of its drives, and what the engine says of it there. */
 typedef struct {
     arm table;
-    double compliance[36 * FLEXURES], offset[6 * FLEXURES], known[1 + COVARIATES], weight[1], bounds[2 * JOINTS];
+    double compliance[36 * FLEXURES], offset[6 * FLEXURES], known[1 + COVARIATES];
     double passive[PASSIVE + 1], tip[16], flexed[PASSIVE + 1], twists[6 * FLEXURES], loads[6 * FLEXURES];
     double forces[ROWS + 1], displacement[6], distance, idle[ROWS * ROWS + 1], idles[ROWS * ROWS + 1];
     double room[ROOM];
@@ -15,50 +15,29 @@ typedef struct {
 /* Fill the tables of the arm with a payload. */
 static void describe(mechanism *m, int payload)
 {
-    static const whole none[FLEXURES + 1] = {0};
-    arm *a = &m->table;
-    memset(a, 0, sizeof *a);
-    a->count = ELEMENTS;
-    a->flexures = FLEXURES;
-    a->driven = JOINTS;
-    a->passive = PASSIVE;
-    a->ties = TIES;
-    a->rows = ROWS;
-    a->law_rows = a->weight_rows = a->wrench_rows = 1;
-    a->elements = elements[payload];
-    a->kinds = kinds;
-    a->parents = parents;
-    a->carried = carried;
-    a->tie = ties;
-    a->joins = joins;
-    a->row = rows;
-    a->way = ways;
-    a->flexure = flexures;
-    a->compliance = m->compliance;
-    a->offset = m->offset;
-    a->starts = a->spans = a->pieces = a->varies = none;
-    a->weights = m->weight;
-    a->wrenches = m->weight;
-    m->weight[0] = 0.0;
+    m->table = arms[payload];
     m->known[0] = masses[payload];
     for (int i = 0; i < COVARIATES; i++) {
         m->known[1 + i] = NAME_covariates[i];
     }
 }
 
-/*@known*/
-/* Fill what the laws are at positions of the drives: all of them are affine in the load. */
+/* Fill what the laws are at positions of the drives, in memory of this call: all of them are affine in the load. */
 static void know_laws(mechanism *m, const double *q)
 {
-    double value[FACTORS + 1];
-    memcpy(m->compliance, constant_compliance, sizeof m->compliance);
-    memcpy(m->offset, constant_offset, sizeof m->offset);
+    const arm *a = arms; /* its laws are the same with every payload */
+    double value[FACTORS];
+    memcpy(m->compliance, a->compliance, sizeof m->compliance);
+    memcpy(m->offset, a->offset, sizeof m->offset);
+    m->table.compliance = m->compliance;
+    m->table.offset = m->offset;
     for (int f = 0; f < FACTORS; f++) {
-        int column = (int)factors[f][1];
-        value[f] = factor_at(factors[f], knots, (column < JOINTS) ? q[column] : m->known[column - JOINTS]);
+        const double *factor = a->factor + 6 * f;
+        int column = (int)factor[1];
+        value[f] = factor_at(factor, a->knots, (column < JOINTS) ? q[column] : m->known[column - JOINTS]);
     }
-    for (int c = 0; c < CHANGING; c++) {
-        const double *part = changing[c];
+    for (whole c = 0; c < a->changing; c++) {
+        const double *part = a->change + 45 * c;
         double times = value[(int)part[1]] * value[(int)part[2]];
         for (int b = 0; b < 6; b++) {
             m->offset[6 * (int)part[0] + b] += times * part[3 + b];
@@ -250,7 +229,7 @@ int NAME_compensate(const double *q, int payload, double *out)
             memcpy(out, at, sizeof at);
             return FINE;
         }
-        ask.end = m.table.elements + 20 * ELEMENTS;
+        ask.end = m.table.elements + 20 * m.table.count;
         ask.joints = each;
         engine_respond(&m.table, 1, at, m.flexed, m.twists, m.forces, m.idles, &ask, m.room);
         memcpy(jacobian, each, sizeof jacobian);

@@ -68,7 +68,7 @@ class Asked(NamedTuple):
 
     def together(self, arm: Structure, case: LoadCase) -> bool:
         """Return whether the engine is asked about many rows at once, which follow from nothing but themselves."""
-        return arm.chain and not case.moves and self.method == "exact"
+        return not (arm.loaded(None).tied or case.moves) and self.method == "exact"
 
 
 Length = TypeVar("Length", float, Array)
@@ -581,7 +581,7 @@ class DeflectionBatch(_Result[Array]):
                 pushes = Pushes(loaded, self.case.some(some).wrenches)
                 at = (self.q[some], self.twists[some])
                 pushed = (pushes.links, pushes.wrenches(*at), NO_CHANGES)
-                loads = responded(loaded.chain, ("loads",), *at, sites=loaded.flexure_frames, pushed=pushed)["loads"]
+                loads = responded(loaded.tree, ("loads",), *at, sites=loaded.flexure_frames, pushed=pushed)["loads"]
                 found[some] = loads[:, :-1]
         return found
 
@@ -591,7 +591,7 @@ class DeflectionBatch(_Result[Array]):
         found = np.empty_like(self.twists)
         for loaded, rows in self._compiled:
             at = self.q[rows], self.twists[rows]
-            poses = responded(loaded.chain, ("poses",), *at, bodies=loaded.flexure_frames)["poses"]
+            poses = responded(loaded.tree, ("poses",), *at, bodies=loaded.flexure_frames)["poses"]
             # To go on along a twist is to move by it: exp6's derivative leaves it as it is.
             turns, origins, tip = poses[:, :-1, :3, :3], poses[:, :-1, :3, 3], poses[:, -1:, :3, 3]
             shift, turn = ((turns @ part[..., None])[..., 0] for part in np.split(self.twists[rows], 2, axis=2))
@@ -610,7 +610,7 @@ class DeflectionBatch(_Result[Array]):
             at = (self.q[rows], self.twists[rows])
             links = loaded.sites.some([loaded.sites.names.index(f"link:{joint.name}") for joint in moving])
             pushed = pushes.links, pushes.wrenches(*at), NO_CHANGES
-            loads = responded(loaded.sited_chain, ("loads",), *at, sites=links, pushed=pushed)["loads"]
+            loads = responded(loaded.sited_tree, ("loads",), *at, sites=links, pushed=pushed)["loads"]
             found[rows] = np.einsum("nja,ja->nj", loads, axes)
         for i in self._others:
             found[i] = self.row(i).drive_loads
@@ -624,7 +624,7 @@ class DeflectionBatch(_Result[Array]):
             return nowhere
         if not self.asked.together(self.arm, self.case):
             return np.array([self.row(i).corrected for i in self._others]).reshape(-1, 6)
-        return displaced_from(nowhere, tips_of(loaded.chain, self.q), self.rigid_pose)
+        return displaced_from(nowhere, tips_of(loaded.tree, self.q), self.rigid_pose)
 
     @cached_property
     def covariance(self) -> Array | None:
@@ -640,7 +640,7 @@ class DeflectionBatch(_Result[Array]):
                 if all(part is None for part in parts):
                     continue
                 known = True
-                if self.arm.chain:
+                if not loaded.tied:
                     laws = RowLaws(self.arm.stack, row)
                     if laws.curved:
                         laws.expand(wrenches)
@@ -744,7 +744,7 @@ def deflect_batch(
     pieces = [slice(start, start + PIECE) for start in range(0, len(q), PIECE)]
     rooms = [answers.some(rows) for rows in pieces]
     # Compiled code runs side by side in threads, Pinocchio does not.
-    alone = jobs in (None, 1) or not arm.chain
+    alone = jobs in (None, 1) or arm.loaded(None).tied
     tasks = []
     for rows, room in zip(pieces, rooms, strict=True):
         carried = payloads if len(payloads) == 1 else payloads[rows]
@@ -804,7 +804,7 @@ def _answer(
         if not here:
             found.wrenches[i] = one.wrenches
 
-    if not arm.chain and asked.method == "exact" and not case.moves:
+    if arm.loaded(None).tied and asked.method == "exact" and not case.moves:
         for loaded, rows in by_payload(arm, payloads, count):
             part = case.some(rows)
             row = loaded.row(part.q, part.covariates)

@@ -9,7 +9,7 @@ stable equilibrium from a buckled one: the bound of `certificate` can where the 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -24,8 +24,9 @@ from armflex.errors import (
 )
 from armflex.mechanics.certificate import SHARE
 from armflex.mechanics.loaded import LoadedArm
-from armflex.mechanics.loop_rows import solver_of
-from armflex.mechanics.many_rows import OneChain, Rest
+from armflex.mechanics.loop_rows import LoopSolver, solver_of
+from armflex.mechanics.many_rows import OneChain
+from armflex.mechanics.mechanism import Rest
 from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.rows.wrench import Wrench
 
@@ -37,7 +38,7 @@ RUNS_AWAY = np.errstate(over="ignore", invalid="ignore")
 """What runs away is refused, not warned of."""
 
 
-Quick = Callable[[Array, Mapping[str, Array], Array | None], Rest | None]
+Quick = OneChain | LoopSolver
 """From (nq,) positions, covariates and (2, nq) speeds and accelerations, None where it stands, to where the arm rests;
 None where the reference must be asked."""
 
@@ -100,8 +101,8 @@ def find_equilibrium(
 
 def quick_of(loaded: LoadedArm, wrenches: tuple[Wrench, ...]) -> Quick:
     """Return this thread's engine under some loads: a function of (nq,) positions and covariates."""
-    if not loaded.arm.chain:
-        return solver_of(loaded, wrenches).one
+    if loaded.tied:
+        return solver_of(loaded, wrenches)
     one = getattr(loaded.kept, "one", None)
     if one is None:
         one = loaded.kept.one = OneChain(loaded)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
@@ -18,11 +18,12 @@ from armflex.laws import Row
 from armflex.laws.effects.context import MASS
 from armflex.laws.effects.effect import Manipulator
 from armflex.mechanics.certificate import StabilityBound, bound_stability
-from armflex.mechanics.chain import Frames, Tree, chain_of, frames_of, link_frame
 from armflex.mechanics.laws import LawStack
-from armflex.mechanics.mechanism import Mechanism
+from armflex.mechanics.mechanism import Closing, Mechanism
 from armflex.mechanics.pinocchio_model import FlexModel, Load, build_model, carrying
 from armflex.mechanics.spring import Spring
+from armflex.mechanics.ties import Ties
+from armflex.mechanics.tree import Frames, Tree, frames_of, link_frame, tree_of
 from armflex.robot import Corrections, Robot, Site
 from armflex.robot.robot import MILLIMETRES
 from armflex.rows.wrench import Wrench
@@ -113,7 +114,6 @@ class Structure(Manipulator, Protocol):
         distributed: `Flexure.inertia` of those that have one, by number.
         pulls: Loads that effects put on its links.
         springs: Between points of its links.
-        chain: Whether it is a chain without springs and loops: compiled code knows no others.
         names: Of joints and flexures, base and tip.
         joint_index: Place of every joint in q.
         bounds: Least and largest positions of all joints that are within their limits and of sensible size.
@@ -138,8 +138,6 @@ class Structure(Manipulator, Protocol):
     def within_limits(self, values: Sequence[float]) -> bool: ...
     @property
     def springs(self) -> tuple[Spring, ...]: ...
-    @property
-    def chain(self) -> bool: ...
     @property
     def names(self) -> Names: ...
     @property
@@ -300,7 +298,7 @@ class LoadedArm:
         A spring or a loop may soften an arm as well as its weight may: with one there is no bound, and the tangent is
         looked at.
         """
-        if not self.arm.chain:
+        if self.tied:
             return None
         ranges = {joint.name: (joint.lower, joint.upper) for joint in self.arm.robot.moving}
         model, flex, slides = self.flex.model, self.flex, [j for j in self.arm.robot.moving if j.kind == "prismatic"]
@@ -313,18 +311,24 @@ class LoadedArm:
             _, joint, _, pose = link_frame(model, flex.frame(name))
             return joint, pose.translation
 
-        bound = bound_stability(model, self.flexure_joints, self.arm.stack, ranges, travel, drives, link)
+        bound = bound_stability(model, self.tree.flexures.tolist(), self.arm.stack, ranges, travel, drives, link)
         return bound.under(self.arm.pulls)
 
     @cached_property
-    def flexure_joints(self) -> tuple[int, ...]:
-        """Pinocchio joints of the flexures, in order; those at closures have none."""
-        return _carriers(self.flex)
+    def tied(self) -> bool:
+        """Whether loops or springs tie its links: else it is a chain, whose rows follow from nothing but themselves."""
+        return bool(self.arm.springs or self.arm.robot.linkage)
 
     @cached_property
-    def chain(self) -> Tree:
-        """The arm as arrays, for compiled code."""
-        return chain_of(self.flex, self.flexure_joints)
+    def tree(self) -> Tree:
+        """The arm as arrays, for the engine."""
+        return self._tree_of(self.flex, lambda mechanics: mechanics.true)
+
+    def _tree_of(self, flex: FlexModel, closing: Callable[[Mechanism], Closing]) -> Tree:
+        if not self.tied:
+            return tree_of(flex)
+        closed = closing(self.mechanics)
+        return tree_of(flex, closed.ties, closed.offsets)
 
     @cached_property
     def with_tool(self) -> FlexModel:
@@ -336,20 +340,25 @@ class LoadedArm:
         return replace(found, flexure_v=found.flexure_v[:-6])
 
     @cached_property
-    def sited_chain(self) -> Tree:
-        """The same as `chain`, with an element more for what is at the tool."""
-        return chain_of(self.with_tool, _carriers(self.with_tool))
+    def sited_tree(self) -> Tree:
+        """The same as `tree`, with an element more for what is at the tool."""
+        arm, flex = self.arm, self.with_tool
+        if not self.tied:
+            return tree_of(flex)
+        ties = Ties(flex.model, flex.model.createData(), arm.robot.linkage, arm.springs, arm.corrections.geometry)
+        return tree_of(flex, ties, self.mechanics.true.offsets)
 
     @cached_property
     def sites(self) -> Frames:
-        """Where twists may be inserted into `sited_chain`, from base to tool.
+        """Where twists may be inserted into `sited_tree`, from base to tool.
 
         A joint's site is outboard of its motion; where it gives it is its last flexure's. A link's is its end: the
         origin frame of the joint there, inboard of its motion, without the offset that calibration found.
         """
         model, arm, here = self.with_tool.model, self.arm, pin.SE3.Identity()
         own = [site for site in arm.sites if site.joint not in arm.robot.linkage.joined]
-        pairs = zip(own, _carriers(self.with_tool), strict=True)
+        in_tree = [element for element in self.sited_tree.flexures.tolist() if element >= 0]
+        pairs = zip(own, in_tree, strict=True)
         last = {site.joint: joint for site, joint in pairs if not site.before}
         base = last.get(None, 0)
         found = [("base", base, base, here)]
@@ -365,30 +374,30 @@ class LoadedArm:
 
     @cached_property
     def link_frames(self) -> Frames:
-        """The links at and beyond the base, in `sited_chain`."""
+        """The links at and beyond the base, in `sited_tree`."""
         flex = self.with_tool
         return frames_of([link_frame(flex.model, flex.frame(link)) for link in flex.links])
 
     @cached_property
     def flexure_frames(self) -> Frames:
-        """The frames that the flexures move, in their order, and the tip last, in `chain`."""
-        chain = self.chain
+        """The frames that the flexures move, in their order, and the tip last, in `tree`."""
+        chain = self.tree
         elements = np.append(chain.flexures, chain.kinds.shape[1] - 1)
         same = np.tile(np.append(np.eye(3).ravel(), np.zeros(3)), (len(chain.flexures), 1))
         return Frames((), np.array([elements, elements]), np.concatenate([same, chain.elements[-1:, :12]]))
 
     @cached_property
     def plain_link_frames(self) -> Frames:
-        """The same in `chain`."""
+        """The same in `tree`."""
         flex = self.flex
         return frames_of([link_frame(flex.model, flex.frame(link)) for link in flex.links])
 
     @cached_property
     def nominal(self) -> Tree | None:
-        """The rigid arm as the controller knows it, as arrays; None where corrections leave it where `chain` is."""
+        """The rigid arm as the controller knows it, as arrays; None where corrections leave it where `tree` is."""
         if not self.arm.corrections.move:
             return None
-        return chain_of(self.rigid, ())
+        return self._tree_of(self.rigid, lambda mechanics: mechanics.nominal)
 
     def row(self, q: Array, covariates: Mapping[str, Array]) -> Row:
         """Return what the laws may know at (nq,) or (N, nq) positions [rad or m]."""
@@ -403,12 +412,6 @@ class LoadedArm:
     def mass(self) -> float:
         """Of everything that moves, the payload included [kg]."""
         return float(pin.computeTotalMass(self.rigid.model))
-
-
-def _carriers(flex: FlexModel) -> tuple[int, ...]:
-    """Return Pinocchio's joints of the flexures in the tree, in order."""
-    starts = {joint.idx_v: joint.id for joint in flex.model.joints if joint.nv == 6}
-    return tuple(starts[place] for place in flex.flexure_v[::6].tolist() if place in starts)
 
 
 def _again(arm: Structure, payload: Payload, gravity: Array | None) -> LoadedArm:

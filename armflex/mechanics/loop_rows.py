@@ -17,16 +17,13 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.errors import ClosureError
 from armflex.laws import Row
-from armflex.mechanics.chain import chain_of
 from armflex.mechanics.engine.binding import Engine, OneRest
-from armflex.mechanics.engine.tables import COIL, FLEXURE, GAS, GEAR, NO_CHANGES, ROD, SLIDES, TURNS, Laws, Tree
+from armflex.mechanics.engine.tables import GEAR, NO_CHANGES, ROD, SLIDES, TURNS, Laws, Tree
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.many_rows import NOT_PUSHED, ManyRows, Pushes, State, displaced_from, tips_of
 from armflex.mechanics.mechanism import Closing, Rest
-from armflex.mechanics.pinocchio_model import FlexModel, LoadCase
-from armflex.mechanics.spring import CoilSpring
-from armflex.mechanics.ties import Pin, Ties
+from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.rows.wrench import Wrench, same_objects
 
 
@@ -45,66 +42,8 @@ class Rested(NamedTuple):
     fine: np.ndarray
 
 
-def tree_of(flex: FlexModel, ties: Ties, closing: Closing) -> Tree:
-    """Return a mechanism in arrays; flexures at closures have no element."""
-    model = flex.model
-    carriers = {joint.idx_v: joint.id for joint in list(model.joints)[1:] if joint.nv == 6}
-    starts = flex.flexure_v[::6].tolist()
-    flexures = np.array([carriers.get(at, -1 - (at - model.nv) // 6) for at in starts], dtype=np.int64)
-    chain, in_tree = chain_of(flex, flexures[flexures >= 0].tolist()), np.flatnonzero(flexures >= 0)
-    kinds, driven = chain.kinds.copy(), len(flex.q_index)
-    kinds[1, flexures[in_tree]] = in_tree
-    # Cylinders are drives, too, and stand before passive joints among the positions.
-    kinds[1, (kinds[0] & 3 != FLEXURE) & (kinds[1] >= driven)] += len(ties.cylinders)
-    closed, count = len(ties.names), len(ties.names) + len(ties.springs)
-    numbers, joins = np.zeros((count, 45)), np.zeros((count, 6), dtype=np.int64)
-    carried, slots = np.zeros((count, model.njoints)), ties.rows.reshape(len(ties.rows), closed, 6)
-    rows, sizes = slots.sum(axis=1), slots.any(axis=2).sum(axis=0)
-    ways = rows.copy()
-    joins[:closed, 4], joins[closed:, 4] = np.cumsum(sizes), len(rows) + np.arange(len(ties.springs))
-    joins[:, 3] = joins[:, 4]
-    joins[:closed, 3] -= sizes
-    for t, one in [*enumerate(ties.joined), *enumerate(ties.sprung_rods, closed)]:
-        for side, end in enumerate(one.ends):
-            numbers[t, 3 * side : 3 * side + 3] = end.point
-            numbers[t, 27 + 9 * side : 36 + 9 * side] = end.axes.ravel()
-            carried[t, list(model.supports[end.joint])] += 2 * side - 1
-            joins[t, 1 + side] = end.joint
-            if isinstance(one, Pin):
-                joins[t, 0], some = one.held[side].shape[1], slice(*joins[t, 3:5])
-                numbers[t, 6 + 9 * side : 6 + 9 * side + one.held[side].size] = one.held[side].T.ravel()
-                ways[some] = rows[some] @ np.kron(np.eye(2), one.ends[0].axes.T)
-    for t, offset in enumerate(closing.offsets, len(ties.loops)):
-        joins[t, 0], joins[t, 5], numbers[t, 24] = ROD, driven + t - len(ties.loops), offset
-    carrier = {joint.idx_q: joint.id for joint in list(model.joints)[1:]}
-    for t, (own, master, factor, offset) in enumerate(ties.gears, len(ties.joined)):
-        joins[t, :3], numbers[t, 24:26] = (GEAR, carrier[own], carrier[master]), (factor, offset)
-    for t, spring in enumerate(ties.springs, closed):
-        joins[t, 0] = COIL if isinstance(spring.law, CoilSpring) else GAS
-        numbers[t, 24:27] = spring.law.numbers
-    counts = driven + len(ties.cylinders), len(flex.free_v)
-    return Tree(
-        chain.elements, kinds, chain.parents, carried, numbers, joins, rows, ways, flexures, chain.inertias, *counts
-    )
-
-
-def trees(loaded: LoadedArm) -> tuple[Tree, Tree | None, Tree]:
-    """Return the mechanism, as the controller knows it where that is another, and with its tool as an element."""
-    mechanics, corrections, flex = loaded.mechanics, loaded.arm.corrections, loaded.with_tool
-    kept = getattr(loaded.kept, "trees", None)
-    if kept is None:
-        true, nominal = mechanics.true, mechanics.nominal if corrections.move else None
-        ties = Ties(flex.model, flex.model.createData(), mechanics.linkage, loaded.arm.springs, corrections.geometry)
-        kept = loaded.kept.trees = (
-            tree_of(mechanics.flex, true.ties, true),
-            nominal and tree_of(loaded.rigid, nominal.ties, nominal),
-            tree_of(flex, ties, true),
-        )
-    return kept
-
-
 class LoopSolver:
-    """One thread's compiled mechanism under some loads."""
+    """One thread's compiled mechanism under some loads; see `Quick`."""
 
     def __init__(self, loaded: LoadedArm, wrenches: Sequence[Wrench] = ()) -> None:
         mechanics = loaded.mechanics
@@ -112,7 +51,7 @@ class LoopSolver:
         self._closing = true if loaded.arm.corrections.move else self._controlled
         self._loaded, self._mechanics, self._pushes = loaded, mechanics, Pushes(loaded, wrenches)
         self._laws = RowLaws(loaded.arm.stack)
-        self._tree, self._nominal = trees(loaded)[:2]
+        self._tree, self._nominal = loaded.tree, loaded.nominal
         m, self._differs = len(self._tree.rows), loaded.arm.stack.rows_differ
         self._idle = np.zeros((m, m))
         self._same: Laws | None = None
@@ -121,7 +60,7 @@ class LoopSolver:
         self._one = OneRest(self._tree, self._single)
         self._plain: bool | None = None
 
-    def one(self, q: Array, covariates: Mapping[str, Array], motion: Array | None = None) -> Rest | None:
+    def __call__(self, q: Array, covariates: Mapping[str, Array], motion: Array | None = None) -> Rest | None:
         """Return where it rests at (nq,) positions; None beyond its limits, and where the engine does not answer."""
         if motion is not None or not self._loaded.arm.within_limits(q.tolist()):
             return None
@@ -270,8 +209,8 @@ class LoopSolver:
 def responding(loaded: LoadedArm, rows: np.ndarray, case: LoadCase, rested: Rested, laws: Laws) -> ManyRows:
     """Return rows that rest as the engine found, or as `LoopSolver.fill` has them."""
     state: State = (rested.flexed, rested.forces, rested.idle)
-    tree = trees(loaded)[2]
-    pushed = Pushes(loaded, case.wrenches, sited=True).at(case.q, rested.twists, tree, state)
+    tree = loaded.sited_tree
+    pushed = Pushes(loaded, case.wrenches, sited=True).at(case.q, rested.twists, state)
     return ManyRows(loaded, tree, rows, pushed, laws, state)
 
 
@@ -285,7 +224,7 @@ def solver_of(loaded: LoadedArm, wrenches: tuple[Wrench, ...]) -> LoopSolver:
 
 def closing_drives(loaded: LoadedArm) -> np.ndarray:
     """Return (nq,) which drives move what closes its loops: all others may be anywhere, and they stay closed."""
-    tree = trees(loaded)[0]
+    tree = loaded.tree
     kinds, joins, places = tree.kinds, tree.joins, np.zeros(tree.driven + tree.passive, dtype=bool)
     gears = joins[joins[:, 0] == GEAR, 1:3].ravel()
     moving = np.flatnonzero(np.isin(kinds[0] & 3, (TURNS, SLIDES)) & (tree.carried != 0.0).any(axis=0))
@@ -302,4 +241,4 @@ def rigid_tips(loaded: LoadedArm, q: Array) -> Array:
     """
     if loaded.arm.robot.linkage:
         return solver_of(loaded, ()).rigid_tips(q)
-    return tips_of(loaded.nominal or loaded.chain, q)
+    return tips_of(loaded.nominal or loaded.tree, q)

@@ -22,13 +22,13 @@ from armflex.errors import UnsupportedError, naming
 from armflex.laws import Row
 from armflex.laws.effects.context import MASS
 from armflex.mechanics.certificate import SHARE, StabilityBound
-from armflex.mechanics.chain import Frames
 from armflex.mechanics.engine.binding import NO_LINKS, NO_WRENCHES, Engine, OneRow
 from armflex.mechanics.engine.tables import NO_CHANGES, Laws, Tree
 from armflex.mechanics.laws import LawStack, RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
 from armflex.mechanics.mechanism import Rest
 from armflex.mechanics.pinocchio_model import build_model
+from armflex.mechanics.tree import Frames
 from armflex.parallel import in_pieces
 from armflex.rows.wrench import Wrench, check_rows, same_objects
 
@@ -98,14 +98,14 @@ class Pushes:
         self.rows, loads = next((one.rows for one in wrenches if one.rows is not None), None), self._loads
         self._acting = [(load.frame, load.follows, load.dead or load.follows) for load in loads]
         if before is not None and before._acting == self._acting:  # at the same links in the same axes
-            self._chain, self._frames = before._chain, before._frames
+            self._tree, self._frames = before._tree, before._frames
             self.links, self.posed = before.links, before.posed
         else:
-            self._chain = loaded.sited_chain if sited else loaded.chain
+            self._tree = loaded.sited_tree if sited else loaded.tree
             frames = loaded.link_frames if sited else loaded.plain_link_frames
             self._frames = frames.some([frames.names.index(load.frame) for load in loads])
             elements = self._frames.places[0]
-            inboard = [self._chain.flexures_inboard(int(element)) for element in elements]
+            inboard = [self._tree.flexures_inboard(int(element)) for element in elements]
             following = [follows for _, follows, _ in self._acting]
             self.links = np.array([elements, inboard, following], dtype=np.int64).reshape(3, -1).T.copy()
             self.posed = [j for j, (_, _, same) in enumerate(self._acting) if not same]
@@ -128,15 +128,13 @@ class Pushes:
         found.same = self.same if len(self.same) == 1 else self.same[rows]
         return found
 
-    def wrenches(
-        self, q: Array, twists: Array | None = None, tree: Tree | None = None, state: State | None = None
-    ) -> Array:
+    def wrenches(self, q: Array, twists: Array | None = None, state: State | None = None) -> Array:
         """Return (1 or N, L, 9) where on its element each acts [m], and the wrench [N, Nm] in base or element axes.
 
         Args:
             q: (N, nq) joint positions [rad or m].
             twists: (N, n, 6) of the flexures, zero where not given.
-            tree, state: Of an arm with loops; see `responded`.
+            state: Of an arm with loops; see `responded`.
 
         Raises:
             ShapeError: The loads are for other rows.
@@ -144,28 +142,28 @@ class Pushes:
         check_rows(self._wrenches, len(q))
         if not self.posed:
             return self.same
-        poses = self._poses(q, twists, tree, state)
+        poses = self._poses(q, twists, state)
         found = np.broadcast_to(self.same, (len(q), *self.same.shape[1:])).copy()
         for j in self.posed:
             found[:, j, 3:] = self._loads[j].at(poses[:, j])
         return found
 
-    def changes(self, q: Array, twists: Array, tree: Tree | None = None, state: State | None = None) -> Array:
+    def changes(self, q: Array, twists: Array, state: State | None = None) -> Array:
         """Return the (N, L, 6, 6) change of posed wrenches with their links' motion; no rows where there are none."""
         if not self.posed:
             return NO_CHANGES
-        poses, found = self._poses(q, twists, tree, state), np.zeros((len(q), len(self._loads), 6, 6))
+        poses, found = self._poses(q, twists, state), np.zeros((len(q), len(self._loads), 6, 6))
         for j in self.posed:
             found[:, j] = self._loads[j].change(poses[:, j])
         return found
 
-    def _poses(self, q: Array, twists: Array | None, tree: Tree | None, state: State | None) -> Array:
-        at = np.zeros((len(q), len(self._chain.flexures), 6)) if twists is None else twists
-        return responded(tree or self._chain, ("poses",), q, at, bodies=self._frames, state=state)["poses"]
+    def _poses(self, q: Array, twists: Array | None, state: State | None) -> Array:
+        at = np.zeros((len(q), len(self._tree.flexures), 6)) if twists is None else twists
+        return responded(self._tree, ("poses",), q, at, bodies=self._frames, state=state)["poses"]
 
-    def at(self, q: Array, twists: Array, tree: Tree | None = None, state: State | None = None) -> Pushed:
+    def at(self, q: Array, twists: Array, state: State | None = None) -> Pushed:
         """Return links, wrenches and their changes where the arm is."""
-        return self.links, self.wrenches(q, twists, tree, state), self.changes(q, twists, tree, state)
+        return self.links, self.wrenches(q, twists, state), self.changes(q, twists, state)
 
 
 def turned(before: Array, after: Array) -> Array:
@@ -303,9 +301,9 @@ class RowSolver:
     """
 
     def __init__(self, loaded: LoadedArm, wrenches: Sequence[Wrench] = ()) -> None:
-        if not loaded.arm.chain:
+        if loaded.tied:
             raise UnsupportedError("the fixed point knows no springs and no loops: see `loop_rows`")
-        self._loaded, self._chain, self._nominal = loaded, loaded.chain, loaded.nominal
+        self._loaded, self._chain, self._nominal = loaded, loaded.tree, loaded.nominal
         self.pushes, self._wrenches = Pushes(loaded, wrenches), wrenches
         self.limits = np.array(loaded.arm.bounds)
 
@@ -425,7 +423,7 @@ class OneChain:
         self._solve: OneRow | None = None
         if factors is not None:
             self.names, self._known = factors.names, np.append(self._known, np.zeros(len(factors.names)))
-            self._solve = OneRow(loaded.chain, arm.stack.numbers, np.array(arm.bounds), factors, self._known)
+            self._solve = OneRow(loaded.tree, arm.stack.numbers, np.array(arm.bounds), factors, self._known)
         self._moved = loaded.nominal and _from_nominal(loaded)
         self._push()
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy import ndarray
 from numpy.typing import ArrayLike
 
 from armflex.conventions import Array, covariate_array
@@ -22,6 +23,14 @@ from armflex.rows.wrench import Wrench, check_rows
 
 FLOAT = np.dtype(float)
 NOTHING: Mapping[str, Array] = {}
+
+Ask = tuple[Callable[..., int], object, Callable[[], Array]]
+"""See `OneRow.quick`."""
+
+Knows = Callable[[Mapping[str, Array]], bool] | None
+"""What takes covariates over, None where there are none to know."""
+
+NEVER: Ask = (lambda _, __: 0), 0, np.zeros(6).copy
 
 
 class Prepared:
@@ -46,7 +55,7 @@ class Prepared:
         self._loaded, self._method, self._enforced, self._wrenches = loaded, method, enforce_limits, tuple(wrenches)
         self._remembers = bool(remembering(loaded.arm, ()))
         self._exact, self._shape = method == "exact", (len(loaded.arm.joint_names),)
-        self._last: tuple[Array | bytes, Mapping[str, Array], Rest | Array] | None = None
+        self._last: tuple[Array | bytes, Mapping[str, Array], Rest | None] | None = None
         self._free = [self._workspace()] if self._exact else []
 
     def __call__(self, q: ArrayLike, **covariates: float) -> Array:
@@ -59,28 +68,26 @@ class Prepared:
         Raises:
             As `Arm.deflection`; the last answer is then still that of the call before.
         """
-        given = NOTHING
-        if covariates:
+        given: Mapping[str, Array] = NOTHING
+        if covariates or self._remembers:
             given = {name: covariate_array(value, name, 0) for name, value in covariates.items()}
-        if self._remembers:
-            q, _ = self._loaded.arm.check_position(q, self._enforced)
-            case = LoadCase(q, wrenches=self._wrenches, covariates=given)
-            given = known_alone(self._loaded.arm, self._loaded.payload, case)
-        if self._exact and isinstance(q, np.ndarray) and q.shape == self._shape and q.dtype == FLOAT:
+            if self._remembers:
+                q, _ = self._loaded.arm.check_position(q, self._enforced)
+                case = LoadCase(q, wrenches=self._wrenches, covariates=given)
+                given = known_alone(self._loaded.arm, self._loaded.payload, case)
+        if type(q) is ndarray and q.shape == self._shape and q.dtype == FLOAT and self._exact:
             try:
-                quick = self._free.pop()  # which no other thread has meanwhile
+                room = self._free.pop()  # which no other thread has meanwhile
             except IndexError:
-                quick = self._workspace()
+                room = self._workspace()
+            (ask, where, displacement), knows, quick = room
             try:
-                if isinstance(quick, OneChain) and quick.quick and (not quick.names or quick.knows(given)):
-                    ask, where, copied = quick.quick
-                    if ask(where, numbers := q.tobytes()):
-                        answer = copied()
-                        self._last = numbers, given, answer
-                        return answer[:6]
+                if (knows is None or knows(given)) and ask(where, numbers := q.tobytes()):
+                    self._last = numbers, given, None
+                    return displacement()
                 rest = quick(q, given, None)
             finally:
-                self._free.append(quick)
+                self._free.append(room)
             if rest is not None and rest.proven:
                 self._last = q.copy(), given, rest
                 return rest.displacement
@@ -91,11 +98,12 @@ class Prepared:
         self._last = checked, given, rest
         return rest.displacement
 
-    def _workspace(self) -> Quick:
+    def _workspace(self) -> tuple[Ask, Knows, Quick]:
         """Return the engine with memory of its own, and, of an arm with loops, with its own way along their rows."""
-        if self._loaded.arm.chain:
-            return OneChain(self._loaded).under(self._wrenches)
-        return LoopSolver(replace(self._loaded, kept=threading.local()), self._wrenches).one
+        if self._loaded.tied:
+            return NEVER, None, LoopSolver(replace(self._loaded, kept=threading.local()), self._wrenches)
+        chain = OneChain(self._loaded).under(self._wrenches)
+        return chain.quick or NEVER, chain.knows if chain.names else None, chain
 
     @property
     def _rest(self) -> Rest:
@@ -103,8 +111,8 @@ class Prepared:
             n = len(self._loaded.arm.sites)
             return Rest(np.zeros(6), np.zeros((n, 6)), np.zeros((n, 6)))
         q, given, rest = self._last
-        if isinstance(rest, np.ndarray):  # without loads
-            rest = self._workspace()(self.q, given, None)
+        if rest is None:  # nothing but where the tip is
+            rest = self._workspace()[-1](self.q, given, None)
             assert rest is not None
             self._last = q, given, rest
         return rest

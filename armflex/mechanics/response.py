@@ -247,13 +247,12 @@ def respond(
     q, n = np.ascontiguousarray(q), len(arm.sites)
     case = LoadCase(q, wrenches=tuple(wrenches), covariates=known)
     loads, twists = np.empty((len(q), n, 6)), np.empty((len(q), n, 6))
-    solve = _solved if arm.chain else _solved_loops
 
     def solved(asked: tuple[LoadedArm, np.ndarray]) -> ManyRows:
         loaded, rows = asked
         own = case.some(rows)
         own = own._replace(wrenches=tuple(one.under(loaded.robot.gravity) for one in own.wrenches))
-        part, found = solve(loaded, rows, own, into, allow_large)
+        part, found = (_solved_loops if loaded.tied else _solved)(loaded, rows, own, into, allow_large)
         loads[rows], twists[rows] = found.wrenches, found.twists
         return part
 
@@ -292,7 +291,7 @@ def _solved(
             laws.expand(found.wrenches)
         pushes = Pushes(loaded, case.wrenches, sited=True) if len(solver.pushes.links) else None
         pushed = NOT_PUSHED if pushes is None else pushes.at(q, found.twists)
-        part = ManyRows(loaded, loaded.sited_chain, rows, pushed, laws.numbers)
+        part = ManyRows(loaded, loaded.sited_tree, rows, pushed, laws.numbers)
         distance = _answer(part, None, q, found.twists, into, not judged.all())
         left = np.flatnonzero(~(judged | (distance < 1.0)))
         if not len(left):

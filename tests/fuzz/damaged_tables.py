@@ -19,7 +19,6 @@ from armflex import Arm
 from armflex.errors import InputError
 from armflex.mechanics.engine import binding
 from armflex.mechanics.engine.tables import Laws, Tree
-from armflex.mechanics.loop_rows import trees
 
 NUMBERS = (np.nan, np.inf, -np.inf, 0.0, -0.0, 1e300, -1e300, 1e-300, 5e-324, 1.0, -1.0, 7.0)
 WHOLES = (-(2**63), 2**63 - 1, -1, 0, 1, 2, 3, 4, 5, 6, 7, 8, 17, 1000, 2**32)
@@ -95,8 +94,8 @@ def main(library: str, count: int, seed: int) -> None:
         known = []
         for arm in arms(Path(folder)):
             loaded = arm.loaded(None)
-            known.append((loaded.chain if arm.chain else trees(loaded)[2], arm.stack.numbers))
-            q = positions(arm, 3) if arm.chain else arm.position()
+            known.append((loaded.sited_tree if loaded.tied else loaded.tree, arm.stack.numbers))
+            q = arm.position() if loaded.tied else positions(arm, 3)
             arm.deflection(q, allow_large=True)  # as it is
         names = [one.name for one in fields(Tree)]
         for _ in range(count):

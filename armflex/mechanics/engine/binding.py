@@ -84,16 +84,16 @@ def _loaded(level: str) -> CDLL:
     return found
 
 
-class Engine:
+class Engine(Tables):
     """The engine with one arm: its tables, and room to work in. Of one thread at a time; see engine.h for the calls."""
 
     def __init__(self, tree: Tree) -> None:
-        self._library, self._tables, self._room = library(), Tables(tree), np.zeros(0)
-        self._arm, self._tree, self._settled = addressof(self._tables.struct), tree, False
+        super().__init__(tree)
+        self._library, self._room, self._arm = library(), np.zeros(0), addressof(self.struct)
         self._into, self._rested = (), RestStruct()
         self._places: tuple[np.ndarray, ...] = ()
-        self._tables.set_loads(NO_LINKS, NO_WRENCHES, NO_CHANGES, 1)
-        assert self._library.engine_size() == len(bytes(self._tables.struct))
+        self.set_loads(NO_LINKS, NO_WRENCHES, NO_CHANGES, 1)
+        assert self._library.engine_size() == len(bytes(self.struct))
 
     @classmethod
     def of(cls, tree: Tree) -> Engine:
@@ -103,24 +103,6 @@ class Engine:
             engine = tree.kept.engine = cls(tree)
         engine.forget()
         return engine
-
-    def forget(self) -> None:
-        """Let go of what was given by row."""
-        self._tables.forget()
-        self._settled = False
-
-    def set_laws(self, laws: Laws, rows: int) -> None:
-        """Give the laws of the flexures, for so many rows."""
-        self._tables.set_laws(laws, rows)
-        self._settled = True
-
-    def set_loads(self, links: np.ndarray, wrenches: Array, changes: Array, rows: int) -> None:
-        """Give the loads on links, for so many rows."""
-        self._tables.set_loads(links, wrenches, changes, rows)
-
-    def set_motion(self, motion: Array | None, rows: int) -> None:
-        """Give (N, 2, d) speeds and accelerations of a chain's joints, None where it stands."""
-        self._tables.set_motion(motion, rows)
 
     def rest_chain(
         self, q: Array, exact: bool, displacement: Array, loads: Array | None, twists: Array, fine: np.ndarray
@@ -135,7 +117,7 @@ class Engine:
             twists: (N, n, 6) of the flexures [m, rad].
             fine: (N,) 1 where that is so, else 0.
         """
-        rows, n = len(q), len(self._tree.flexures)
+        rows, n = len(q), len(self.tree.flexures)
         self._check_chain()
         self._check_rows(q)
         checked(displacement, "displacement", REAL, rows, 6)
@@ -162,20 +144,20 @@ class Engine:
         Returns:
             The number of the row that is not answered, N where there is none.
         """
-        tree, rows = self._tree, len(q)
+        tree, rows = self.tree, len(q)
         self._check_rows(q)
         if into is not self._into:
             self._look_at(into)
         checked(free, "free", REAL, tree.passive)
         checked(idle, "idle", REAL, len(tree.rows), len(tree.rows))
-        if (settled and not self._settled) or first < 0 or len(into[0]) != rows:
+        if (settled and self._laws is None) or first < 0 or len(into[0]) != rows:
             raise ShapeError("expected laws, a first row from 0 on, and room for all")
         given = address(free), address(idle), addressof(self._rested), address(self._work())
         return int(self._library.engine_rest(self._arm, rows, address(q), settled, first, *given))
 
     def _look_at(self, into: Sequence[np.ndarray]) -> None:
         """Point to arrays that `rest` fills."""
-        tree = self._tree
+        tree = self.tree
         p, n, m = tree.passive, len(tree.flexures), len(tree.rows)
         shapes = ((p,), (4, 4), (p,), (n, 6), (n, 6), (m,), (6,), (), (m, m))
         for name, array, shape in zip(RESTED, into, shapes, strict=False):
@@ -204,7 +186,7 @@ class Engine:
                 nothing answers to.
             behind: How many closures and pins there are behind the sites.
         """
-        tree, (q, flexed, twists, forces, idle) = self._tree, rests
+        tree, (q, flexed, twists, forces, idle) = self.tree, rests
         rows, n, m, f, b = len(q), len(tree.flexures), len(tree.rows), len(sites[1]), len(bodies[1])
         s = f + behind
         shapes = {"laws": (6, n, 6), "per_load": (6, n, 6), "joints": (6, tree.driven), "at_sites": (6, s, 6)}
@@ -223,7 +205,7 @@ class Engine:
         checked(end, "end", REAL, 16)
         if not 0.0 <= end[15] < len(tree.parents):
             raise ArmArraysError(f"end: expected an element of {len(tree.parents)}, got {end[15]}")
-        if not (self._settled or into.keys() <= {"poses", "loads"}):
+        if self._laws is None and not (into.keys() <= {"poses", "loads"}):
             raise ShapeError("expected laws")
         self._check_behind(into, behind)
         asked = AskedStruct(
@@ -237,7 +219,7 @@ class Engine:
     def tips(self, q: Array, poses: Array) -> None:
         """Fill the (N, 4, 4) poses of a chain's tip where nothing gives, at (N, d) positions of its drives."""
         self._check_rows(q)
-        if self._tree.passive:
+        if self.tree.passive:
             raise ShapeError("an arm with joints without a drive has no pose of its drives alone")
         checked(poses, "poses", REAL, len(q), 4, 4)
         self._library.engine_tips(self._arm, len(q), *addresses((q, poses, self._work())))
@@ -247,25 +229,26 @@ class Engine:
         return int(self._library.engine_rest_room(self._arm, rank))
 
     def _check_rows(self, q: Array) -> None:
-        checked(q, "q", REAL, len(q), self._tree.driven)
+        checked(q, "q", REAL, len(q), self.tree.driven)
         for name in ("law_rows", "weight_rows", "wrench_rows", "change_rows"):
-            if getattr(self._tables.struct, name) not in (0, 1, len(q)) and len(q):
-                raise ShapeError(f"{name}: expected 1 or {len(q)} rows, got {getattr(self._tables.struct, name)}")
+            if getattr(self.struct, name) not in (0, 1, len(q)) and len(q):
+                raise ShapeError(f"{name}: expected 1 or {len(q)} rows, got {getattr(self.struct, name)}")
 
     def _check_chain(self) -> None:
-        tree, n = self._tree, len(self._tree.flexures)
+        tree, n = self.tree, len(self.tree.flexures)
         order = tree.kinds[2, :n]
-        if len(tree.joins) or tree.passive or not np.array_equal(np.sort(order), np.arange(n)) or not self._settled:
+        follow = np.array_equal(np.sort(order), np.arange(n))
+        if len(tree.joins) or tree.passive or not follow or self._laws is None:
             raise ShapeError("expected a chain, whose flexures follow each other, with laws")
 
     def _check_behind(self, into: Collection[str], behind: int) -> None:
         """Raise where there is not room for the closures and pins that C fills in behind the sites."""
-        ties = self._tree.joins[:, 0]
+        ties = self.tree.joins[:, 0]
         if not len(ties):
             return
         closures = int((ties < 6).sum())
         pins = 2 * int((ties < 5).sum())
-        loads = len(ties) if "loads" in into and len(self._tree.rows) else 0
+        loads = len(ties) if "loads" in into and len(self.tree.rows) else 0
         needed = max(closures + pins if "at_sites" in into else 0, loads)
         if behind < needed:
             raise ShapeError(f"expected {needed} places behind the sites, got {behind}")
@@ -281,9 +264,8 @@ class OneRow:
     """The engine with one chain in a control loop: positions in, where it rests out, in memory of its own.
 
     Attributes:
-        quick: The call, its first argument, and what copies what it filled: displacement (6), twists (6 n), and no
-            loads. The second argument is the bytes of (d,) positions that were looked at. It returns 0 where there is
-            no fixed point.
+        quick: The call, its first argument, and what copies the displacement (6) that it filled. The second argument is
+            the bytes of (d,) positions that were looked at. It returns 0 where there is no fixed point.
     """
 
     def __init__(self, tree: Tree, laws: Laws, bounds: Array, factors: Factors | None, known: Array) -> None:
@@ -292,13 +274,15 @@ class OneRow:
         engine.set_laws(laws, 1)
         engine._check_chain()
         if factors is not None:
-            engine._tables.set_factors(factors, known)
-        engine._tables.set_bounds(bounds)
+            engine.set_factors(factors, known)
+        engine.set_bounds(bounds)
         self._memory = np.zeros(6 + 12 * n)
         self._links, self._wrenches = NO_LINKS, NO_WRENCHES
         self._motion, self._moves = np.zeros((1, 2, tree.driven)), False
-        self._ask, self._short, self._whole = engine._library.engine_one, OneStruct(), OneStruct()
-        self.quick = self._ask, addressof(self._short), self._memory.copy
+        self._short, self._whole = OneStruct(), OneStruct()
+        self._ask = engine._library["engine_one"]  # of its own, without types to look at in every call
+        self._where, short = c_void_p(addressof(self._whole)), c_void_p(addressof(self._short))
+        self.quick = self._ask, short, self._memory[:6].copy
         self._point()
 
     def set_loads(self, links: np.ndarray, wrenches: Array) -> None:
@@ -314,9 +298,9 @@ class OneRow:
         engine, self._held = self._engine, self._engine._work()
         displacement, twists, loads = addresses(parts_of(self._memory))
         room = address(self._held)
-        for asked, into in ((self._short, None), (self._whole, loads)):  # in place: `quick` has the address of one
-            asked.arm, asked.displacement, asked.twists = engine._arm, displacement, twists
-            asked.loads, asked.room = into, room
+        for asked in (self._short, self._whole):  # in place: `quick` has the address of one
+            asked.arm, asked.displacement, asked.room = engine._arm, displacement, room
+        self._whole.twists, self._whole.loads = twists, loads
         engine._library.engine_ready(engine._arm, room)
 
     def __call__(self, q: Array, motion: Array | None = None) -> tuple[Array, Array, Array] | None:
@@ -326,14 +310,14 @@ class OneRow:
             q: (d,) positions.
             motion: (2, d) speeds and accelerations, None where it stands.
         """
-        checked(q, "q", REAL, self._engine._tree.driven)
+        checked(q, "q", REAL, self._engine.tree.driven)
         if self._moves is not (motion is not None):
             self._moves = motion is not None
             self._engine.set_motion(self._motion if self._moves else None, 1)
             self._point()
         if motion is not None:
             self._motion[0] = motion
-        return parts_of(self._memory.copy()) if self._ask(addressof(self._whole), q.tobytes()) else None
+        return parts_of(self._memory.copy()) if self._ask(self._where, q.tobytes()) else None
 
 
 def parts_of(found: Array) -> tuple[Array, Array, Array]:

@@ -76,7 +76,7 @@ typedef struct { /* what is asked about a frame where it rests; NULL for what is
     double *distance;      /* (N) */
 } asked;
 
-typedef struct { /* where a row of a chain is answered; loads may be NULL */
+typedef struct { /* where a row of a chain is answered; twists and loads may be NULL */
     const arm *arm;
     double *displacement, *twists, *loads, *room;
 } asked_one;

@@ -954,7 +954,9 @@ static whole T(chain)(const arm *a, int ready, whole rows, const double *q, int 
             good += some[c];
             T(write)(&s, c, displacement + 6 * (first + c));
         }
-        T(write_all)(s.f->twist, apart, n, count, twists + 6 * n * first);
+        if (twists != NULL) {
+            T(write_all)(s.f->twist, apart, n, count, twists + 6 * n * first);
+        }
         if (loads != NULL) {
             T(write_all)(s.f->load, apart, n, count, loads + 6 * n * first);
         }

@@ -189,21 +189,18 @@ class Tree:
         checked(self.inertias, "inertias", REAL, k, 6)
         self._check_elements()
         self._check_ties()
-        arrays = (
-            self.elements, self.kinds, self.parents, self.carried, self.ties, self.joins, self.rows, self.ways,
-            self.flexures,
-        )  # fmt: skip
-        struct = ArmStruct(count=k, flexures=n, driven=self.driven, passive=self.passive, ties=t, rows=m)
-        for name, array in zip(ARRAYS.split(), arrays, strict=False):
-            setattr(struct, name, address(array))
-        struct.inertias = address(self.inertias)
-        for name in ("starts", "spans", "pieces", "varies"):  # until there are laws
-            setattr(struct, name, address(self._nothing))
-        return struct
+        numbers = {"count": k, "flexures": n, "driven": self.driven, "passive": self.passive, "ties": t, "rows": m}
+        return ArmStruct(**numbers, **{name: address(array) for name, array in self.arrays.items()})
 
     @cached_property
-    def _nothing(self) -> np.ndarray:
-        return np.zeros(len(self.flexures) + 1, dtype=WHOLE)
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Its arrays by the names that `arm` of engine.h has for them."""
+        nothing = np.zeros(len(self.flexures) + 1, dtype=WHOLE)  # until there are laws
+        return {
+            "elements": self.elements, "kinds": self.kinds, "parents": self.parents, "carried": self.carried,
+            "tie": self.ties, "joins": self.joins, "row": self.rows, "way": self.ways, "flexure": self.flexures,
+            "inertias": self.inertias, **dict.fromkeys(("starts", "spans", "pieces", "varies"), nothing),
+        }  # fmt: skip
 
     def _check_elements(self) -> None:
         k, n, joints = len(self.parents), len(self.flexures), self.driven + self.passive
@@ -317,11 +314,12 @@ class Tables:
 
     Attributes:
         tree: The arm.
-        struct: For C.
+        struct: For C in this process.
+        arrays: What it points to, by the names of engine.h: exported C has the same.
     """
 
     def __init__(self, tree: Tree) -> None:
-        self.tree, self.struct, self._kept = tree, ArmStruct.from_buffer_copy(tree.struct), {}
+        self.tree, self.struct, self.arrays = tree, ArmStruct.from_buffer_copy(tree.struct), dict(tree.arrays)
         self._laws: Laws | None = None
 
     def set_laws(self, laws: Laws, rows: int) -> None:
@@ -330,7 +328,7 @@ class Tables:
             return
         n, struct, allowed = len(self.tree.flexures), self.struct, (1, rows)
         neurons, terms, features = len(laws.neurons), len(laws.bent), len(laws.shapes)
-        if laws.neurons is not self._kept.get("neurons") or laws.bent is not self._kept.get("bent"):
+        if laws.neurons is not self.arrays.get("neurons") or laws.bent is not self.arrays.get("bent"):
             self._point("neurons", checked(laws.neurons, "neurons", REAL, neurons, 13, 4))
             self._point("starts", checked(laws.starts, "starts", WHOLE, n + 1))
             self._point("bent", checked(laws.bent, "bent", REAL, terms, 43))
@@ -344,7 +342,7 @@ class Tables:
                 raise ArmArraysError(f"shapes: expected kinds from 0 to {SHAPES - 1}")
         by_row = {"compliance": (laws.compliance, (n, 6, 6)), "offset": (laws.offset, (n, 6))}
         for name, (array, shape) in (by_row | {"weights": (laws.weights, (terms,))}).items():
-            if array is not self._kept.get(name) or len(array) > 1:
+            if array is not self.arrays.get(name) or len(array) > 1:
                 self._point(name, checked(array, name, REAL, allowed, *shape))
         if len(laws.offset) != len(laws.compliance):
             raise ShapeError(f"offset: expected {len(laws.compliance)} rows, got {len(laws.offset)}")
@@ -353,7 +351,7 @@ class Tables:
 
     def set_loads(self, links: np.ndarray, wrenches: Array, changes: Array, rows: int) -> None:
         """Point to the loads on links in so many rows; see `rest.Pushes`."""
-        kept, count, struct = self._kept, len(links), self.struct
+        kept, count, struct = self.arrays, len(links), self.struct
         if links is not kept.get("links"):
             self._point("links", checked(links, "links", WHOLE, count, 3))
             _within(links[:, 0], "links", 0, len(self.tree.parents))
@@ -404,13 +402,23 @@ class Tables:
             return
         self._point("motion", checked(motion, "motion", REAL, rows, 2, self.tree.driven))
 
+    def set_pulls(self, pulls: Array) -> None:
+        """Point to (L, 6) kind, anchor, size and reach of what pulls at links."""
+        self._point("pulls", checked(pulls, "pulls", REAL, self.struct.pushes, 6))
+
+    def set_windows(self, windowed: np.ndarray, windows: Array) -> None:
+        """Point to (T,) the window of each term, -1 for none, and (W, 79) what they are of."""
+        self._point("windowed", checked(windowed, "windowed", WHOLE, self.struct.terms))
+        self._point("windows", checked(windows, "windows", REAL, len(windows), 79))
+        _within(windowed, "windows", -1, len(windows))
+
     def set_bounds(self, bounds: Array) -> None:
         """Point to (2, d) least and largest positions."""
         self._point("bounds", checked(bounds, "bounds", REAL, 2, self.tree.driven))
 
     def forget(self) -> None:
         """Forget for how many rows laws and loads are, and let go of what is by row."""
-        struct, kept, self._laws = self.struct, self._kept, None
+        struct, kept, self._laws = self.struct, self.arrays, None
         for name in BY_ROW:
             if len(kept.get(name, ())) > 1:
                 del kept[name]
@@ -418,7 +426,7 @@ class Tables:
         struct.motion = None
 
     def _point(self, name: str, array: np.ndarray) -> None:
-        self._kept[name] = array
+        self.arrays[name] = array
         setattr(self.struct, name, address(array))
 
 

@@ -24,7 +24,6 @@ from armflex.laws.law import WithoutParameters
 from armflex.laws.terms import Curve, Factor, Of, Term, Terms, part, power, straight, table
 from armflex.mechanics.engine import binding, build
 from armflex.mechanics.engine.tables import Laws, Tables, Tree
-from armflex.mechanics.loop_rows import trees
 from armflex.mechanics.response import respond
 
 
@@ -162,7 +161,7 @@ def test_factors_that_it_asks_itself_are_those_of_the_laws(tmp_path: Path, seed:
     columns = {f"q_{name}": place for name, place in arm.joint_index.items()} | {MASS: 3}
     factors = arm.stack.factors(columns)
     assert factors is not None and len(factors.factor) == 1 + 3 * 12 + 1 and factors.names == ()
-    ask = binding.OneRow(loaded.chain, arm.stack.numbers, np.array(arm.bounds), factors, np.array([5.0]))
+    ask = binding.OneRow(loaded.tree, arm.stack.numbers, np.array(arm.bounds), factors, np.array([5.0]))
     ask.set_loads(binding.NO_LINKS, binding.NO_WRENCHES)
     for q in positions(arm, 8):
         one = arm.deflection(q, body, method="newton")
@@ -199,7 +198,7 @@ def test_a_curve_through_knots_is_that_of_scipy() -> None:
 
 
 def some_tree() -> Tree:
-    return trees(bundled("palletizer").loaded(None))[2]
+    return bundled("palletizer").loaded(None).sited_tree
 
 
 BROKEN = {
@@ -228,7 +227,7 @@ def test_a_damaged_table_is_refused_before_c_reads_it(name: str) -> None:
 
 def test_laws_of_another_arm_are_refused() -> None:
     arm = bundled("heavy_six")
-    tables, laws = Tables(arm.loaded(None).chain), arm.stack.numbers
+    tables, laws = Tables(arm.loaded(None).tree), arm.stack.numbers
     tables.set_laws(laws, 1)
     with pytest.raises(InputError, match="spans"):
         tables.set_laws(laws._replace(spans=laws.spans[::-1].copy() + 1, bent=laws.bent.copy()), 1)
@@ -239,7 +238,7 @@ def test_laws_of_another_arm_are_refused() -> None:
 
 def test_what_is_no_number_is_not_fine() -> None:
     arm = bundled("heavy_six")
-    engine, q = binding.Engine(arm.loaded(None).chain), positions(arm, 6)
+    engine, q = binding.Engine(arm.loaded(None).tree), positions(arm, 6)
     q[1], q[4] = np.nan, np.inf
     engine.set_laws(arm.stack.numbers, len(q))
     n, fine = len(arm.sites), np.empty(6, dtype=bool)
@@ -255,7 +254,7 @@ def test_everything_is_filled_whatever_was_there(exact: bool) -> None:
     """Also the loads on flexures without coupling, which the fixed point keeps to itself."""
     arm = bundled("tarm_like")
     n = len(arm.sites)
-    engine, q = binding.Engine(arm.loaded(None).chain), positions(arm, 5)
+    engine, q = binding.Engine(arm.loaded(None).tree), positions(arm, 5)
     engine.set_laws(arm.stack.numbers, 5)
     filled = [[np.full(shape, value) for shape in ((5, 6), (5, n, 6), (5, n, 6))] for value in (0.0, np.nan)]
     for displacement, loads, twists in filled:

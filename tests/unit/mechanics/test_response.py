@@ -170,7 +170,7 @@ def test_any_link_is_asked_as_the_tip_is(tmp_path, name):
 def test_what_is_asked_together_is_what_is_asked_alone(name):
     """With rows of two payloads in turn, which do not follow each other."""
     arm = bundled(name)
-    q = positions(arm, 4) if arm.chain else np.tile(arm.position(), (4, 1))
+    q = np.tile(arm.position(), (4, 1)) if arm.loaded(None).tied else positions(arm, 4)
     bodies = [Payload(15.0, [0.2, 0.1, 0.0]), "none"] * 2
     together = respond(arm, q, bodies, ask=("joints", "twists", "link_loads", "wrenches", "links"))
     alone = respond(arm, q, bodies)
