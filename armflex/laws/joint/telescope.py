@@ -66,7 +66,7 @@ class Telescope(Compliance):
 
     @cached_property
     def projections(self) -> Mapping[int, Array]:
-        """Of what the boom bears along and about itself, and of the rest; an axis near its straight, or across it."""
+        """Of what the boom bears along and about itself, and of the rest; by an axis near its length, or across it."""
         straight = np.outer(self.along, self.along)
         across, *_, nearest = np.argsort(np.abs(self.along), kind="stable").tolist()
         parts = {"GJ": (3 + nearest, block_diagonal(np.zeros((3, 3)), straight))}
