@@ -13,8 +13,8 @@ from armflex.arguments import checked_init, checked_kinds
 from armflex.arm import Arm, warn
 from armflex.conventions import Array, real_array
 from armflex.errors import Flag, InputError, Place, ShapeError, TableError, listing, naming
-from armflex.laws.effects.context import MASS
 from armflex.laws.effects.in_arm import check_approaches, check_covariates, derived_direction
+from armflex.laws.row import MASS
 from armflex.measured.data_flags import check_joint_units, unit_flags
 from armflex.measured.forces import (
     FORCE_KINDS,
@@ -441,7 +441,8 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
     payload = tuple(name or unnamed.payload for name in payload)
     check_payloads(table, payload, arm)
     q, places = table.matrix(names["q"]), tuple(Place(table.path, line) for line in table.lines)
-    check_joint_units(q, arm, places)
+    units = {name: column.unit for name, column in table.columns.items() if column.unit}
+    check_joint_units(q, arm, places, units=units)
     warn(unit_flags(table, arm))
     time = table.numbers("time")
     slow = np.diff(time) >= SHORTEST
@@ -451,7 +452,7 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
     table.require([name for prefix in given for name in names[prefix]])
     moved = {prefix: table.matrix(names[prefix]) if prefix in given else None for prefix in ("v", "a", TARGET)}
     if (target := moved[TARGET]) is not None:
-        check_joint_units(target, arm, places, TARGET)
+        check_joint_units(target, arm, places, TARGET, units)
     return Trajectory(
         arm.joint_names,
         time,

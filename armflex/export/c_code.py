@@ -19,11 +19,11 @@ from armflex.export import Exported
 from armflex.export.c_text import c_arms, c_head, c_limits, c_names, c_real, c_whole, check_name
 from armflex.export.rigid import measured_points, said_points
 from armflex.laws import Law, LinearLaw
-from armflex.laws.effects.context import MASS
 from armflex.laws.effects.effect import Act
 from armflex.laws.effects.in_arm import BoundTwist, Pulling, about_time, depended_on
 from armflex.laws.effects.shapes import middle_of
 from armflex.laws.effects.umbilical import hook_of
+from armflex.laws.row import MASS
 from armflex.laws.terms import Neurons, Of, Term
 from armflex.mechanics.engine import build
 from armflex.mechanics.engine.binding import NO_LINKS, NO_WRENCHES, Engine

@@ -56,7 +56,7 @@ from armflex.laws.effects.payload_mass import PAYLOAD_MASS, masses_with
 from armflex.laws.joint.carried import AtNode
 from armflex.laws.joint.linear import SOFTEST
 from armflex.laws.joint.meshed import MeshedLaw
-from armflex.laws.law import anywhere
+from armflex.laws.law import Travel, anywhere
 from armflex.laws.learned import Learning, read_learning
 from armflex.mechanics.loaded import Payload
 from armflex.mechanics.spring import Spring
@@ -422,15 +422,16 @@ def _by_joint_stiffness(table: Declaration, joint: Joint) -> Declaration:
     return derived
 
 
-def _ranges(robot: Robot) -> dict[str, tuple[float, float]]:
-    """Return every moving joint's limits; a continuous joint is looked at over a turn either way."""
+def _ranges(robot: Robot) -> Travel:
+    """Return every driven joint's limits, a turn either way of a continuous one, and which joints follow them."""
     turn = 2.0 * np.pi
-    return {
+    ranges = {
         joint.name: (max(joint.lower, -turn), min(joint.upper, turn))
         if np.isinf([joint.lower, joint.upper]).any()
         else (joint.lower, joint.upper)
         for joint in robot.moving
     }
+    return Travel(ranges, robot.linkage.followers)
 
 
 def _read_prior(table: Declaration) -> Prior:

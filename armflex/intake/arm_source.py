@@ -35,10 +35,19 @@ class ArmSource:
         """Names of the robot's joints, base to tip."""
         return [] if self.robot is None else [joint.name for joint in self.robot.moving]
 
-    @property
-    def slides(self) -> list[str]:
-        """Those of them that are lengths."""
-        return [] if self.robot is None else [joint.name for joint in self.robot.moving if joint.kind == "prismatic"]
+    def slides_among(self, names: Sequence[str]) -> list[str]:
+        """Return those of a log's joints, as it calls them, that are lengths."""
+        if self.robot is None:
+            kinds = () if self.dh is None else self.dh.slides
+        else:
+            slides = [joint.name for joint in self.robot.moving if joint.kind == "prismatic"]
+            if {*self.joints} & {*names}:
+                return slides
+            kinds = [name in slides for name in self.joints]
+        ordered = base_to_tip(names) or list(names)
+        return (
+            [name for name, slides in zip(ordered, kinds, strict=True) if slides] if len(ordered) == len(kinds) else []
+        )
 
     def named(self, log: Record) -> tuple[Record, list[str]]:
         """Return a log with its joints as the robot's file calls them, and what is wrong.
@@ -48,8 +57,9 @@ class ArmSource:
         if self.robot is None:
             return log, []
         joints, moving, file = [joint for joint, _ in log.of("joint")], self.joints, self.robot.urdf.path.name
+        sliding = self.slides_among([joint.name for joint in joints])
         for joint in joints:
-            slides = joint.name in self.slides
+            slides = joint.name in sliding
             if joint.name in moving and joint.unit not in (None, "rad") and (joint.unit in LENGTHS) != slides:
                 text = f"column {joint.column!r} is in {joint.unit}, and joint {joint.name!r} of {file}"
                 return log, [f"{text} {'slides' if slides else 'turns'}"]
@@ -62,8 +72,10 @@ class ArmSource:
         if names := next((names for _, names in SETS if {*names} == {*named}), None):
             counts = [names.index(name) for name in named]
         if counts not in (list(range(1, len(moving) + 1)), list(range(len(moving)))):
-            text = f"the log has joints {listing(named)}, and {file} has {listing(moving)}"
-            return log, [f"{text}: --take 'COLUMN=q_{moving[0]}'"]
+            text = (
+                f"the log has joints {listing(named)}, and {file} has {listing(moving)}: say which column each is, as"
+            )
+            return log, [f"{text} --take 'COLUMN=q_{next((name for name in moving if name not in named), moving[0])}'"]
         by = dict(zip(named, moving, strict=True))
         meant = (replace(joint, name=by[joint.name]) if joint.kind == "joint" else joint for joint in log.meant)
         return replace(log, meant=tuple(meant)), []
@@ -113,14 +125,14 @@ def arm_source(
 def _by_dh(joined: Intake, table: SourceTable, arm: DhTable, tracked: bool) -> Intake:
     """Return a campaign with the arm file of a table of DH parameters, whose rows are the log's joints."""
     joints, notes = [name.removeprefix("q_") for name in joined.columns if name.startswith("q_")], joined.notes
-    if names := next((names for _, names in SETS if {*names} == {*joints}), None):  # ROS sorts them by name
-        joints = list(names)
-    elif len({joint.rstrip("0123456789") for joint in joints}) == 1 and all(joint[-1:].isdigit() for joint in joints):
-        joints.sort(key=lambda joint: int(re.findall(r"\d+", joint)[-1]))
+    if ordered := base_to_tip(joints):
+        joints = ordered
     else:
         notes = (*notes, f"the rows of {table.title} are {listing(joints)}")
     if len(joints) != len(arm.rows):
         text = f"has {len(arm.rows)} rows, and the log {len(joints)} joints: {listing(joints)}"
+        if len(joints) < len(arm.rows):
+            text += "; say which column is another, as --take 'COLUMN=q_NAME_deg', or =q_NAME_mm of one that slides"
         raise TableError(Place(table.path), text)
     units = {what.removeprefix("joint "): (column, unit) for _, column, what, unit, _ in joined.taken}
     for row, (name, slides) in enumerate(zip(joints, arm.slides, strict=True)):
@@ -131,3 +143,12 @@ def _by_dh(joined: Intake, table: SourceTable, arm: DhTable, tracked: bool) -> I
     taken = (*((table.title, *cells) for cells in arm.taken), *joined.taken)
     text = arm_text(arm.lines(joints), "flange", joined.declare, tracked)
     return replace(joined, taken=taken, notes=notes, arm=text)
+
+
+def base_to_tip(joints: Sequence[str]) -> list[str] | None:
+    """Return joints in their order where their names say it: a set of names that all know, or numbers."""
+    if names := next((names for _, names in SETS if {*names} == {*joints}), None):  # ROS sorts them by name
+        return list(names)
+    if len({joint.rstrip("0123456789") for joint in joints}) == 1 and all(joint[-1:].isdigit() for joint in joints):
+        return sorted(joints, key=lambda joint: int(re.findall(r"\d+", joint)[-1]))
+    return None

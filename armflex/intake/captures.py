@@ -21,6 +21,7 @@ import numpy as np
 
 from armflex.conventions import NUMBER, Array
 from armflex.errors import Place, TableError, UnsupportedError, listing, shown
+from armflex.intake.dh import is_dh
 from armflex.intake.meanings import INTENDED, Meaning, meanings
 from armflex.intake.sources import NO_READING, SourceTable
 from armflex.intake.streams import FEWEST
@@ -348,6 +349,8 @@ def markers(source: SourceTable) -> list[SourceTable]:
     """
     meant = meanings(source, {})
     kinds = {meaning.kind for meaning in meant}
+    if is_dh(source):
+        return [source]
     if kinds & {"joint", "coordinate"}:
         return [source] if "joint" in kinds else _of_each(source, meant)
     matches = [NAMED_AXIS.fullmatch(name) for name in source.header]

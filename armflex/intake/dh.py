@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.errors import ManyErrors, Place, TableError, listing
@@ -46,9 +47,14 @@ BESIDE = re.compile(
 """Columns beside those of the geometry, which is the same without them."""
 
 WEIGHS = re.compile(
-    r"mass|masse|m|(?:(?:center|centre) of mass|com|cog)(?:[ _]?[xyz])?|inertia.*|i[xyz]{2}", re.IGNORECASE
+    r"(?P<mass>mass|masse|m|weight)|(?P<inertia>inertia.*|i[xyz]{2})"
+    r"|(?:(?:(?:center|centre) of (?:mass|gravity))|com|cog|schwerpunkt)(?:[ _]?(?P<axis>[xyz]))?",
+    re.IGNORECASE,
 )
-"""Columns of what links weigh: in which frame their centres are is said by none."""
+"""Columns of what links weigh."""
+
+MASSES = {"kg": 1.0, "g": 1e-3, "t": 1e3, "lb": 0.45359237}
+"""Units of a mass, in kg."""
 
 LIMITED = {
     name: re.compile(rf"(?P<of>q|theta|θ|joint)?[ _]?(?:limit[ _]?)?(?:{words})(?:[ _]?limit)?", re.IGNORECASE)
@@ -107,6 +113,7 @@ class DhTable:
         rows: (n, 5) theta [rad], d [m], a [m], alpha [rad] and beta [rad].
         slides: (n,) whether d, and not theta, is the joint's.
         limits: (n, 2) between which positions the joint may be [rad or m], not a number where nobody says.
+        bodies: (n, 4) mass of the link [kg] and its centre [m] in the row's frame, 0 where nobody says.
         form: "standard" or "modified".
         taken: (column, what it is, unit, why) of each column that counts.
     """
@@ -114,6 +121,7 @@ class DhTable:
     rows: Array
     slides: tuple[bool, ...]
     limits: Array
+    bodies: Array
     form: str
     taken: tuple[tuple[str, str, str, str], ...]
 
@@ -126,8 +134,10 @@ class DhTable:
             "",
         ]
         lines.append("[robot.joint]")
-        rows = zip(joints, self.rows, self.slides, self.limits, strict=True)
-        for name, (theta, d, a, alpha, beta), slides, ends in rows:
+        rows = zip(joints, self.rows, self.slides, self.limits, self.bodies, strict=True)
+        for name, (theta, d, a, alpha, beta), slides, ends, (mass, *com) in rows:
+            across = pin.exp3(np.array([alpha, 0.0, 0.0])) @ pin.exp3(np.array([0.0, beta, 0.0]))
+            moved = across @ com + [a, 0.0, 0.0] if self.form == "standard" else np.array(com)
             angles = (float(np.round(np.degrees(angle), 9)) + 0.0 for angle in (theta, alpha, beta))
             lengths = (float(np.round(1e3 * size, 9)) + 0.0 for size in (d, a))
             (theta, alpha, beta), (d, a) = angles, lengths
@@ -137,6 +147,8 @@ class DhTable:
                 unit, factor = ("mm", 1e3) if slides else ("deg", np.degrees(1.0))
                 lower, upper = (float(np.round(factor * end, 9)) + 0.0 for end in ends)
                 more += f", lower_{unit} = {lower!r}, upper_{unit} = {upper!r}"
+            if mass:
+                more += f", mass = {float(mass)!r}, com = {(np.round(moved, 9) + 0.0).tolist()}"
             lines.append(
                 f"{key} = {{ theta_deg = {theta!r}, d_mm = {d!r}, a_mm = {a!r}, alpha_deg = {alpha!r}{more} }}"
             )
@@ -198,15 +210,18 @@ def read_dh(source: SourceTable, form: str | None, ask: Ask | None, unused: Coll
         wrong.append(f"{Place(path, source.lines[i])}: the joint slides, and {name!r} is an angle: add it to d")
     lengths = next((unit for title, what, unit, _ in taken if what == "DH d"), "")
     limits, ends, of_limits = _limits(source, slides, bool((theta + home + offset).any()), lengths, unused)
-    beside, about = _beside(source, {at for at, _ in columns.values()}, {title for title, *_ in ends}, unused)
+    bodies, weighing, of_bodies = _bodies(source, ask, unused)
+    beside, about = _beside(
+        source, {at for at, _ in columns.values()}, {title for title, *_ in (*ends, *weighing)}, unused
+    )
     form, why, open_ = _form(source, form, ask, khalil)
     if form == "modified" and not khalil and _bare(header["a"])[0].startswith("r"):
         open_.append(f"{path}: {header['a']!r} is along x in some texts, and along z in Khalil's: name columns a and d")
-    if wrong := wrong + of_limits + about + open_:
+    if wrong := wrong + of_limits + of_bodies + about + open_:
         raise ManyErrors(wrong)
     rows = np.column_stack([theta + offset + home, *(values.get(name, none) for name in ("d", "a", "alpha", "beta"))])
-    taken = (*taken, *ends, *beside, ("(rows)", f"{form} DH", "", why))
-    return DhTable(rows, tuple(slides.tolist()), limits, form, taken)
+    taken = (*taken, *ends, *weighing, *beside, ("(rows)", f"{form} DH", "", why))
+    return DhTable(rows, tuple(slides.tolist()), limits, bodies, form, taken)
 
 
 class _Numbers(NamedTuple):
@@ -347,6 +362,61 @@ def _limits(
     return limits, taken, wrong
 
 
+def _bodies(
+    source: SourceTable, ask: Ask | None, unused: Collection[str]
+) -> tuple[Array, list[tuple[str, str, str, str]], list[str]]:
+    """Return (n, 4) masses [kg] and their centres [m] in the rows' frames, what their columns are, and what is wrong.
+
+    Args:
+        source: The table.
+        ask: Asks where a unit is open.
+        unused: Names of columns that are left out.
+    """
+    bodies, taken, wrong = np.zeros((len(source.lines), 4)), list[tuple[str, str, str, str]](), list[str]()
+    given, masses = set[int](), ""
+    for header, column in zip(source.header, source.columns, strict=True):
+        word, unit = _bare(header)
+        match = None if header in unused else WEIGHS.fullmatch(word)
+        if match is None:
+            continue
+        taken.append(
+            (header, "mass of the link" if match["mass"] else "its centre, in the row's frame", unit, "its header")
+        )
+        if match["inertia"]:
+            wrong.append(f"{source.path}: {header!r}: a row has no moments of inertia, which no sag depends on: --take "
+                         f"'{header}=unused' leaves them out, and a URDF has them")  # fmt: skip
+            continue
+        units, example = (MASSES, "mass [kg]") if match["mass"] else (LENGTHS, f"{word} [mm]")
+        if not unit and ask is not None:
+            unit = ask(f"{source.path.name}: in which unit is {header!r}?", tuple(units)[:2])
+            taken[-1] = (*taken[-1][:2], unit, "as answered")
+        if unit not in units:
+            text = f"is in {unit!r}, which is not known" if unit else "has an open unit"
+            wrong.append(f"{source.path}: {header!r} {text}: write it as {example!r}")
+            continue
+        at = [0] if match["mass"] else [1 + "xyz".index(match["axis"].lower())] if match["axis"] else [1, 2, 3]
+        masses = header if match["mass"] else masses
+        given |= {*at}
+        for i, cell in enumerate(map(str, column)):
+            numbers = [_number(part) for part in re.split(r"[\s;,]+", cell.strip("[]() "))]
+            size = [number[0] for number in numbers if number and number[2] is None]
+            if len(size) != len(at) or len(numbers) != len(at) or (match["mass"] and size[0] < 0.0):
+                expected = "a mass" if match["mass"] else "a length" if match["axis"] else "three lengths"
+                wrong.append(f"{Place(source.path, source.lines[i])}: {header!r} is {cell!r}, expected {expected}")
+                continue
+            bodies[i, at] = units[unit] * np.array(size)
+    if masses and not wrong and given != {0, 1, 2, 3}:
+        text = (
+            f"{masses!r} has masses, and where their centres are is said nowhere: add the columns 'com x [mm]', 'com y"
+        )
+        text += f" [mm]' and 'com z [mm]', in the frame of each row, or --take '{masses}=unused' leaves the masses out"
+        wrong.append(f"{source.path}: {text}")
+    elif given and not masses and not wrong:
+        text = f"{taken[0][0]!r} is of a centre of mass, and no column has the masses: add 'mass [kg]', or --take"
+        wrong.append(f"{source.path}: {text} '{taken[0][0]}=unused'")
+    return bodies, taken, wrong
+
+
 def _beside(
     source: SourceTable, columns: Collection[int], limits: Collection[str], unused: Collection[str]
 ) -> tuple[list[tuple[str, str, str, str]], list[str]]:
@@ -362,9 +432,6 @@ def _beside(
             wrong.append(f"{source.path}: {text}")
         elif name in unused or BESIDE.fullmatch(_bare(name)[0]):
             taken.append((name, "not used", "", "as asked" if name in unused else "no part of the geometry"))
-        elif WEIGHS.fullmatch(_bare(name)[0]):
-            text = f"{name!r} is of what links weigh, and in which frame is said nowhere: --take '{name}=unused', and"
-            wrong.append(f"{source.path}: {text} write mass and com into the rows of [robot.joint]")
         else:
             text = f"{name!r} beside DH parameters is not known: --take '{name}=unused' leaves it out"
             wrong.append(f"{source.path}: {text}")

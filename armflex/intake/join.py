@@ -7,7 +7,7 @@ from pathlib import Path
 
 from armflex.errors import FEW, ManyErrors, TableError, listing
 from armflex.files.arm_file import ROBOTS
-from armflex.intake.arm_source import arm_source
+from armflex.intake.arm_source import ArmSource, arm_source
 from armflex.intake.campaign import Intake, campaign
 from armflex.intake.meanings import Ask, Meaning, combined, meanings
 from armflex.intake.pairing import named_alike
@@ -68,7 +68,7 @@ def intake(
         return joined_runs(files, asked, sigma)
     sources, wrong = _read(files)
     arm, about = arm_source(files, sources, dh, ask, tip, asked)
-    records = [Record(**vars(source), meant=meanings(source, asked, arm.joints, arm.slides))
+    records = [Record(**vars(source), meant=meanings(source, asked, arm.joints, arm.slides_among))
                for source in sources if source is not arm.table]  # fmt: skip
     every = dict.fromkeys(name for source in (*records, *filter(None, [arm.table])) for name in source.header)
     unknown = [name for name in asked if name not in every]
@@ -77,7 +77,7 @@ def intake(
     for step in (
         partial(one_log, topics=joints),
         partial(with_roles, targets=targets),
-        partial(_settled, slides=arm.slides),
+        partial(_settled, arm=arm),
     ):
         records, about = step(records, ask=ask)
         wrong += about
@@ -118,11 +118,12 @@ def _read(paths: Sequence[Path]) -> tuple[list[SourceTable], list[str]]:
     return gone_on(sources), wrong
 
 
-def _settled(records: Sequence[Record], ask: Ask | None, slides: Sequence[str]) -> tuple[list[Record], list[str]]:
+def _settled(records: Sequence[Record], ask: Ask | None, arm: ArmSource) -> tuple[list[Record], list[str]]:
     """Return records in which nothing is open, and what is wrong with each, see `settled`."""
     closed, wrong = list[Record](), list[str]()
     for record in records:
         if record.role or record.has("picture"):
+            slides = arm.slides_among([joint.name for joint, _ in record.of("joint")])
             record, about = settled(record, ask, slides, bool(record.role) and record.has("coordinate"))
             wrong += about
         elif not record.part:

@@ -246,7 +246,10 @@ class Meaning:
 
 
 def meanings(
-    source: SourceTable, taken: Mapping[str, str], joints: Sequence[str] = (), slides: Sequence[str] = ()
+    source: SourceTable,
+    taken: Mapping[str, str],
+    joints: Sequence[str] = (),
+    slides_among: Callable[[Sequence[str]], Sequence[str]] = lambda _: (),
 ) -> tuple[Meaning, ...]:
     """Return what every column of a file is.
 
@@ -254,7 +257,7 @@ def meanings(
         source: The file.
         taken: What the caller says columns are, by their name: `q_J1_deg`, `x_mm`, `pose`, `time`; `unused`.
         joints: Names of the robot's, where its file is there.
-        slides: Those of them that are lengths.
+        slides_among: Returns those of the file's joints, by name, that are lengths.
     """
     comments = stated(source)
     comment = comments[0] if len(comments) == 1 else None
@@ -294,7 +297,9 @@ def meanings(
         if len(of_turn) <= 4:  # beside a place q1 .. q4 are a quaternion, whatever its length
             meant = [_beside(meaning) if meaning in of_turn else meaning for meaning in meant]
         meant = _turned(source, meant)
-    return tuple(_with_angles(source, _as_they_were(meant, joints), joints, slides))
+    meant = _as_they_were(meant, joints)
+    slides = slides_among([meaning.name for meaning in meant if meaning.kind == "joint"])
+    return tuple(_with_angles(source, meant, joints, slides))
 
 
 def changed(meant: Iterable[Meaning], which: Callable[[Meaning], bool], **changes: Any) -> list[Meaning]:
@@ -372,6 +377,10 @@ def _with_angles(
             unit=angles[0],
             why="a comment",
         )
+    if any(
+        meaning.kind == "joint" and meaning.unit in ANGLE_UNITS and meaning.why == "its header" for meaning in meant
+    ):
+        return meant  # where others state an angle, one that states nothing may be a slide
     if sizes and TURN < max(sizes) <= np.degrees(TURN):  # beyond a turn in degrees it is neither
         why = f"a value of {max(sizes):.4g} is no angle in rad"
         return changed(meant, lambda meaning: meaning.kind == "joint" and is_open(meaning), unit="deg", why=why)

@@ -399,23 +399,28 @@ def offset(time: Array, values: Array, other: Array, place: Array) -> float:
     if match[best] < ALIKE * np.sqrt(min(map(len, speeds)) / max(map(len, speeds))):
         text = "do not move alike at any difference of their clocks"
         raise InputError(f"joints and target {text} (correlation {match[best]:.2f}): is it the target of this arm?")
+    motions = int(np.count_nonzero(np.diff((speeds[0] > 0.0).astype(int)) > 0))
+    seen = max(motions * min(1.0, len(speeds[1]) / len(speeds[0])), 1.0)
     rivals = np.union1d(find_peaks(match, 0.9 * match[best], distance=round(STANDS / STEP))[0], [best])
     if len(rivals) > 1:
-        motions = int(np.count_nonzero(np.diff((speeds[0] > 0.0).astype(int)) > 0))
+        stands = np.round((dwells(time, values, "rad").mean(axis=1) - grids[0][0][0]) / STEP).astype(int)
+        ways = [*pairwise(_poses(grids[0][1], stands))]
+        # A motion again says no more, and how long it takes only where that is not as long as before.
+        unlike = len({*ways}) / max(len(ways), 1)
+        uneven = len({*zip(ways, np.diff(stands).tolist(), strict=True)}) / max(len(ways), 1)
         lags, target = rivals.astype(int) - len(speeds[0]) + 1, squares[1].sum(axis=1)
         there = [min(len(target), len(speeds[0]) + lag) - max(lag, 0) for lag in lags.tolist()]
-        seen = max(motions * min(there) / len(speeds[0]) - values.shape[1], 0.0)
-        left = [max(_left(squares[0], target, lag, motions), 1e-12) for lag in lags.tolist()]
-        # And how long motions and pauses take.
-        lasts = [max(_left(speeds[0][:, None], speeds[1], lag, len(target)), FLOOR) for lag in lags.tolist()]
-        stands = np.round((dwells(time, values, "rad").mean(axis=1) - grids[0][0][0]) / STEP).astype(int)
+        left = [max(_left(squares[0], target, lag, round(unlike * motions)), 1e-12) for lag in lags.tolist()]
         apart = np.array([_left_between(grids[0][1], grids[1][1], stands, lag) for lag in lags.tolist()])
-        likely = 0.5 * seen * np.log(left) + 0.5 * motions * min(1.0, len(speeds[1]) / len(speeds[0])) * np.log(lasts)
-        likely += apart[:, 1].min() * apart[:, 0]
+        # And how long motions and pauses take, also of those of the target beyond the joints' times.
+        size = float((speeds[0] ** 2).sum())
+        within = [float((speeds[0][max(-lag, 0) : len(target) - lag] ** 2).sum()) / size for lag in lags.tolist()]
+        lasts = 0.5 * uneven * seen * np.log(np.maximum(1.0 - match[rivals] ** 2 / np.array(within), FLOOR))
         as_written = np.abs(grids[1][0][0] - grids[0][0][0] + lags * STEP) < AGREE
-        doubt = likely - DISTINCT * as_written
+        told = np.maximum(unlike * motions * np.array(there) / len(speeds[0]) - values.shape[1], 0.0)
+        doubt = 0.5 * told * np.log(left) + 0.5 * apart[:, 1] * apart[:, 0] + lasts - 0.5 * DISTINCT * as_written
         best, (first, second) = int(rivals[doubt.argmin()]), np.sort(doubt)[:2]
-        if second - first < 2.0 * DISTINCT:
+        if second - first < DISTINCT:
             start = grids[1][0][0] - grids[0][0][0]
             alike = listing(f"{start + lags[i] * STEP:+.2f} s" for i in np.argsort(doubt)[:FEW])
             text = f"joints and target move alike at several differences of their clocks, {alike}: record uneven"
@@ -446,11 +451,11 @@ def _left_between(joints: Array, places: Array, stands: np.ndarray, lag: int) ->
     Between each two of `stands`, numbers of rows of (N, n) joints, a place is further for each joint that turned.
 
     Returns:
-        The logarithm, 0 where the two have too few stands in common; and how many numbers say it: three a stand but
-        those of a pose of all, and a part of the distance for each joint, and one more.
+        The logarithm, 0 where the two have too few stands in common; and how many numbers say it: three a stand of
+        other positions but those of a pose of all, and a part of the distance for each joint, and one more.
     """
     rows = stands[(stands + lag >= 0) & (stands + lag < len(places))][:MOST_STANDS]
-    seen = max(3 * len(rows) - 6, 1)
+    seen = max(3 * len({*_poses(joints, rows)}) - 6, 1)
     freedom = 1.0 - (joints.shape[1] + 1) / seen
     if freedom < 0.2:
         return 0.0, 0
@@ -460,6 +465,12 @@ def _left_between(joints: Array, places: Array, stands: np.ndarray, lag: int) ->
     rest = apart - turned @ np.linalg.lstsq(turned, apart, rcond=None)[0]
     share = float(rest @ rest) / max(float(((apart - apart.mean()) ** 2).sum()), 1e-300)
     return float(np.log(max(share / freedom, FLOOR))), seen - joints.shape[1] - 1
+
+
+def _poses(joints: Array, stands: np.ndarray) -> list[int]:
+    """Return the number of the first of some rows of (N, n) joints [rad] that has the same positions, for each."""
+    there = joints[stands]
+    return [int((np.abs(there - q).max(axis=1) <= STILL["rad"]).argmax()) for q in there]
 
 
 def paired(spans: Array, times: Array) -> tuple[np.ndarray, float]:

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from armflex.conventions import WRENCH_NAMES, Array, root_of_covariance
-from armflex.errors import Flag, LawError, UnsupportedError
+from armflex.declaration import Declaration
+from armflex.errors import Flag, LawError, UnsupportedError, did_you_mean
 from armflex.laws.row import NOWHERE as NOWHERE
 from armflex.laws.row import Row as Row
-from armflex.laws.terms import NOTHING, Factor, Terms, affine_of, straight, tangent_of, twist_of, weight_of
+from armflex.laws.terms import NOTHING, UNITS, Factor, Terms, affine_of, straight, tangent_of, twist_of, weight_of
 from armflex.robot import Robot
 
 STEP = 1e-4
@@ -31,7 +32,41 @@ ONE_NUMBER = 1e-4
 """Tolerance: relative error of the entries of a compliance of rank one, as people write them."""
 
 Ranges = Mapping[str, tuple[float, float]]
-"""Moving joints of a chain: lowest and highest position [rad or m]."""
+"""Driven joints of a chain: lowest and highest position [rad or m]."""
+
+
+class Travel(dict[str, tuple[float, float]]):
+    """The `Ranges` of an arm some of whose joints follow others.
+
+    Attributes:
+        followers: Joints that a gear, a belt or a <mimic> ties to another: its name, factor and offset [rad, m].
+    """
+
+    def __init__(self, ranges: Ranges, followers: Mapping[str, tuple[str, float, float]]) -> None:
+        super().__init__(ranges)
+        self.followers = followers
+
+
+def driver_of(table: Declaration, joint: str, ranges: Ranges) -> tuple[str, float, float]:
+    """Return the driven joint that moves what a law `depends_on`, the flexure's own joint where absent.
+
+    Returns:
+        Its name, and factor and offset by which the position of the joint depended on follows from its own [rad, m].
+
+    Raises:
+        ArmFileError: No driven joint moves it.
+    """
+    owner = table.text("depends_on", joint)
+    driver, factor, offset = owner, 1.0, 0.0
+    followers = ranges.followers if isinstance(ranges, Travel) else {}
+    while driver in followers:
+        driver, times, more = followers[driver]
+        factor, offset = factor * times, factor * more + offset
+    if driver in ranges:
+        return driver, factor, offset
+    follows = f" follows {driver!r}, which" if driver != owner else ""
+    hint = did_you_mean(driver, ranges)
+    raise table.fail("depends_on", f"{owner!r}{follows} is no driven joint of the chain{hint}")
 
 
 class Transform(Enum):
@@ -225,19 +260,40 @@ class Law(ABC):
     def freed(self, row: Row) -> tuple[int, ...]:
         """Return the axes whose compliance [prior] frees: of a law as declared, where it gives, of a trained one none.
 
-        A hinge that is drawn obliquely bends about several axes by one number: it has the factor of one of them, see
-        `sole_axis`. `row` is anywhere within the joints' travel.
+        `row` is anywhere within the joints' travel.
         """
-        axis = self.sole_axis
-        return () if self.trained else self.gives(row) if axis is None else (axis,)
+        return () if self.trained else tuple(axis for axis in self.gives(row) if axis in self.projections)
 
     @cached_property
     def sole_axis(self) -> int | None:
         """Axis that names the one number of a constant compliance, None where it has several; see `sole_axis`."""
         return sole_axis(self.constant)
 
+    @cached_property
+    def projections(self) -> Mapping[int, Array]:
+        """(6, 6) projections, dimensionless, of a load on what one number bears, by its axis; their sum is 1.
+
+        Every axis has a number of its own, but of a hinge that is drawn obliquely, which bends about several by one.
+        """
+        axis = self.sole_axis
+        return {i: np.diag(unit) for i, unit in enumerate(UNITS)} if axis is None else {axis: UNITS}
+
+    def scaling(self, factor: Array) -> Array:
+        """Return the (6, 6) S of (6,) factors, dimensionless, each on what the number named after its axis bears."""
+        return np.tensordot(factor[list(self.projections)], list(self.projections.values()), axes=1)
+
+    def by_factors(self, axes: Sequence[int], wrench: Array, twist: Array, tangent: Array) -> Array:
+        """Return the (..., 6, k) derivative [m, rad] of S f(S w) by logarithms of the squares of axes' factors.
+
+        It is half of P t + T P w, (..., 6) t [m, rad] and (..., 6, 6) T [m/N, rad/Nm] being that twist and its tangent
+        under the (..., 6) load w [N, Nm], and P the projection.
+        """
+        parts = np.array([self.projections[axis] for axis in axes]).reshape(-1, 6, 6)
+        by_axis = parts @ twist[..., None, :, None] + tangent[..., None, :, :] @ (parts @ wrench[..., None, :, None])
+        return 0.5 * np.swapaxes(by_axis[..., 0], -1, -2)
+
     def scaled(self, factor: Array) -> Law | None:
-        """Return S f(S w), S of (6,) dimensionless factors, where that is a law of its kind; see `joint.carried`."""
+        """Return S f(S w), S of (6,) dimensionless factors as in `scaling`, where that is a law of its kind."""
         return None
 
     def learned(self, travel: Ranges) -> Law | None:

@@ -9,6 +9,10 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import MissingCovariateError
+from armflex.rows.rows import APPROACH
+
+MASS = "payload_mass"
+"""Column of the mass of what is carried [kg], which every row has, as it has directions: nobody gives it."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +36,8 @@ class Row:
     def covariate(self, name: str) -> Array:
         """Return what was given by a name; raise `MissingCovariateError` where it was not."""
         if name not in self.covariates:
-            raise MissingCovariateError(name, self.covariates)
+            given = (column for column in self.covariates if column != MASS and not column.startswith(APPROACH))
+            raise MissingCovariateError(name, given)
         return self.covariates[name]
 
     def has(self, name: str) -> bool:

@@ -128,7 +128,8 @@ def check_joint_units(
         straight, name = joint.kind == "prismatic", f"{column}_{joint.name}"
         unit, other = ("m", "mm") if straight else ("rad", "deg")
         stated = (units or {}).get(name, "")
-        written = q[:, index] / UNITS["length" if straight else "angle"].get(stated, 1.0)
+        size = UNITS["length" if straight else "angle"].get(stated, 1.0)
+        written = q[:, index] / size
         room = 0.1 * (joint.upper - joint.lower)
 
         def within(factor: float, values: Array = written, joint: Joint = joint, room: float = room) -> bool:
@@ -140,8 +141,8 @@ def check_joint_units(
             hint = f"{other}? Then name the column {name}_{other}"
         else:
             hint = f"in {' or '.join(fitting[:FEW]) or 'counts of an encoder'}? Then convert it to {stated or unit}"
-        where = f"limits {joint.lower:.3g} to {joint.upper:.3g}; {len(far)} rows"
-        text = f"{name} is {q[far[0], index]:.6g} {unit} ({where}): {hint}"
+        where = f"limits {joint.lower / size:.3g} to {joint.upper / size:.3g}; {len(far)} rows"
+        text = f"{name} is {written[far[0]]:.6g} {stated or unit} ({where}): {hint}"
         raise TableError(places[far[0]] if places else Place(Path(f"row {far[0]}")), text)
 
 
@@ -185,9 +186,12 @@ def turned_back(q: Array, arm: Arm) -> tuple[Array, Flag | None]:
                 turns[:, index] = back
     if not turns.any():
         return q, None
-    names = listing(f"q_{robot.moving[i].name}" for i in np.flatnonzero(turns.any(axis=0)))
-    text = f"{names}: {np.count_nonzero(turns)} values are a full turn away from where the joint is, as of a log that"
-    text += " counts within one turn: they are taken on the branch that its limits hold, or that has no gap"
+    of_rows = {robot.moving[i].name: count for i, count in enumerate(np.count_nonzero(turns, axis=0)) if count}
+    names = listing(f"q_{name} in {count} of {len(q)} rows" for name, count in of_rows.items())
+    text = (
+        f"{names}: a full turn (360 deg) away from where the joint is, as of a log that counts within one turn: taken"
+    )
+    text += " on the branch that its limits hold, or that has no gap"
     return q + full * turns, Flag("full_turn", text)
 
 

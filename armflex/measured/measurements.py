@@ -348,7 +348,9 @@ def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLO
     places: list[Place] = []
     seen: dict[str, _Covariate] = {}
     asked: list[tuple[Flag, ...]] = []
+    units: dict[str, str] = {}
     for table in read_pieces(path, kinds, most):
+        units = {name: column.unit for name, column in table.columns.items() if column.unit}
         recognised, (measurements, turned) = _known_columns(table, arm, True, None), _measurements(table, arm, unnamed)
         warn(() if turned is None else (turned,))
         asked.append(unit_flags(table, arm))
@@ -364,7 +366,7 @@ def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLO
         places += [measurements.places[row] for row in there]
     for column in seen.values():
         column.check()
-    check_joint_units(np.vstack(far), arm, far_places)
+    check_joint_units(np.vstack(far), arm, far_places, units=units)
     check_one_unit(np.vstack(positions), np.arange(len(places)), places)
     warn(asked[0] if all(asked) and not places else ())
     before: tuple[Array, Array] | None = None

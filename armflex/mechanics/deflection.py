@@ -19,8 +19,8 @@ from armflex.arguments import checked_kinds
 from armflex.conventions import LARGEST_POSITION, TWIST_NAMES, WRENCH_NAMES, Array, finite_array, real_array
 from armflex.errors import ExtrapolationError, Flag, ShapeError, UnsupportedError, naming
 from armflex.laws import Row
-from armflex.laws.effects.context import MASS
 from armflex.laws.effects.in_arm import beyond_seen
+from armflex.laws.row import MASS
 from armflex.mechanics.certificate import NEAR
 from armflex.mechanics.equilibrium import Equilibrium, find_equilibrium, load_factor, tangent_of
 from armflex.mechanics.laws import RowLaws

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 from armflex.conventions import Array, finite_array
 from armflex.errors import Flag, InputError, PayloadError, UnknownNameError
 from armflex.laws import Row
-from armflex.laws.effects.context import MASS
 from armflex.laws.effects.effect import Manipulator
+from armflex.laws.row import MASS
 from armflex.mechanics.certificate import StabilityBound, bound_stability
 from armflex.mechanics.laws import LawStack
 from armflex.mechanics.mechanism import Closing, Mechanism

@@ -20,7 +20,7 @@ import pinocchio as pin
 from armflex.conventions import Array
 from armflex.errors import UnsupportedError, naming
 from armflex.laws import Row
-from armflex.laws.effects.context import MASS
+from armflex.laws.row import MASS
 from armflex.mechanics.certificate import SHARE, StabilityBound
 from armflex.mechanics.engine.binding import NO_LINKS, NO_WRENCHES, Engine, OneRow
 from armflex.mechanics.engine.tables import NO_CHANGES, Laws, Tree

@@ -17,8 +17,8 @@ from armflex.conventions import Array
 from armflex.estimate.block import amplitude_prior
 from armflex.estimate.blocks import sensor_block
 from armflex.estimate.view import View, look
-from armflex.laws.effects.context import MASS
 from armflex.laws.effects.effect import Effect
+from armflex.laws.row import MASS
 from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import numbers_of
 from armflex.plan.design import Named, Truth, exchanged, greedy

@@ -16,8 +16,9 @@ from armflex.configurations import drawn_range
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, did_you_mean, listing, shown
 from armflex.estimate.view import look
-from armflex.laws.effects.context import MASS, TEMPERATURE
+from armflex.laws.effects.context import TEMPERATURE
 from armflex.laws.effects.effect import Effect
+from armflex.laws.row import MASS
 from armflex.measured.measurements import Measurements, as_measurements
 from armflex.measured.table import Tabular
 from armflex.parameters import OF_SESSION

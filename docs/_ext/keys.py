@@ -38,7 +38,10 @@ _FLEXURE = {
         f"compliance_q{power}": Key(f"per power {power} of it", f"…/rad{digit} or …/m{digit}", "0")
         for power, digit in zip(range(4, 9), "⁴⁵⁶⁷⁸", strict=True)
     },
-    "depends_on": Key("the joint on whose position it depends", default="the flexure's own joint"),
+    "depends_on": Key(
+        "the joint on whose position it depends; of one that follows another by <mimic>, its own position is meant",
+        default="the flexure's own joint",
+    ),
     "EI": Key("bending stiffness of a boom", "N m²"),
     "GJ": Key("torsional stiffness of it", "N m²", "none: it does not twist"),
     "EA": Key("axial stiffness of it", "N", "none: it does not stretch"),

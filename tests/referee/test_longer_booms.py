@@ -1,14 +1,22 @@
 """How a boom that gets longer swings after a calibration on its sag alone, against a beam of finite elements."""
 
+import tomllib
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.linalg import eigh
 from support.small_arms import joint, link, robot
 
 from armflex import Arm, Measurements, calibrate, load_arm
+from armflex.declaration import Declaration, Source
 from armflex.errors import ArmFileError
+from armflex.laws import Row
+from armflex.laws.joint.carried import scaled
+from armflex.laws.joint.telescope import read_telescope
 from armflex.readings import Position, Readings
 from armflex.rows import Rows
+from armflex.show.view.arm_scene import Motion, arm_scene
 
 LENGTHS, WEIGHTS = np.linspace(0.8, 3.2, 7), {"none": 0.0, "p1": 1.0, "p2": 2.0}
 HEAD, SIGMA, ELEMENTS = 1.5, 1e-3, 24
@@ -102,6 +110,90 @@ def test_a_boom_calibrated_on_its_sag_swings_as_a_beam(density: float, worst: fl
             truth = beam(length, HEAD + WEIGHTS[name], bending, hinge, density)[1]
             away.append(found.modes([0.0, length - 0.3], name).frequencies[0] / truth - 1.0)
     assert np.median(np.abs(away)) < worst
+
+
+ALONG = {"x": np.array([1.0, 0.0, 0.0]), "oblique": np.ones(3) / np.sqrt(3.0), "out of true": np.array([0.6, 0.0, 0.8])}
+
+
+def parts_of(along: np.ndarray, length: float) -> dict[str, np.ndarray]:
+    """Return the (6, 6) compliance of a cantilever along a unit vector that each stiffness of 1 gives."""
+    own, lever = np.outer(along, along), length * np.cross(along, np.eye(3)).T  # of the end seen from half way
+    turns, shifts = np.zeros((2, 6, 6))
+    turns[3:, 3:] = length * (np.eye(3) - own)
+    shifts[:3, :3] = length**3 / 12.0 * (np.eye(3) - own)
+    carried = np.eye(6)
+    carried[:3, 3:] = -0.5 * lever  # a turn half way shifts the end
+    bent = carried @ turns @ carried.T + shifts
+    slides, twists = np.zeros((2, 6, 6))
+    slides[:3, :3], twists[3:, 3:] = length * own, length * own
+    return {"EI": bent, "GJ": twists, "EA": slides}
+
+
+@pytest.mark.parametrize("along", ALONG.values(), ids=ALONG)
+@pytest.mark.parametrize("stated", [("EI",), ("EI", "GJ"), ("EI", "GJ", "EA"), ("EI", "EA")])
+def test_every_stiffness_that_is_stated_is_one_number(along: np.ndarray, stated: tuple[str, ...]) -> None:
+    """10 % of EI are 10 % of the sag, however the boom lies in its frame; a fit has a factor for each of them."""
+    values = {"EI": 2e6, "GJ": 1e6, "EA": 5e8}
+    text = "\n".join(f"{name} = {values[name]}" for name in stated)
+    text += f"\nalong = {along.tolist()}\nlength0 = 0.5\nrelative_std = 0.1\n"
+    table = Declaration(tomllib.loads(text), ("flexure", "boom"), Source(Path("arm.toml"), text))
+    law, row = read_telescope(table, "boom", {"boom": (0.0, 3.0)}), Row(np.array([2.0]), {"boom": 0})
+    each = {name: part / values[name] for name, part in parts_of(along, 2.5).items() if name in stated}
+    load = np.array([300.0, -200.0, 900.0, 50.0, 70.0, -90.0])
+    np.testing.assert_allclose(law.twist(load, row), sum(each.values()) @ load, rtol=1e-10)
+    expected = sum(np.outer(part @ load, part @ load) for part in each.values())
+    np.testing.assert_allclose(law.covariance(load, row), 0.01 * expected, rtol=1e-9, atol=1e-24)
+    freed = law.freed(row)
+    assert len(freed) == len(stated) == len(law.parameters) == len(law.learned({}).parameters)
+    for name in stated:
+        softer = []
+        for axis in freed:
+            factor = np.ones(6)
+            factor[axis] = np.sqrt(1.3)
+            softer.append(scaled(law, factor).twist(load, row))
+        wanted = sum(part * (1.3 if name == other else 1.0) for other, part in each.items()) @ load
+        assert sum(np.allclose(twist, wanted, rtol=1e-10, atol=0.0) for twist in softer) == 1
+
+
+def stages(folder: Path, flexure: str, mimic: str = '<mimic joint="ext1" multiplier="0.5" offset="0.1"/>') -> Arm:
+    """Return a boom of two stages, the second of which follows the first by a belt."""
+    parts = link("base"), link("first", 20.0), link("second", 10.0, (0.1, 0.0, 0.0))
+    slide = {"xyz": (0.5, 0, 0), "axis": (1, 0, 0), "kind": "prismatic"}
+    slides = joint("ext1", "base", "first", **slide), joint("ext2", "first", "second", **slide, inside=mimic)
+    (folder / "robot.urdf").write_text(robot(*parts, *slides))
+    head = '[robot]\nurdf = "robot.urdf"\ntip = "second"\ngravity = [0.0, 0.0, -9.81]\n'
+    (folder / "arm.toml").write_text(f'{head}[flexure.tube]\njoint = "ext2"\n{flexure}\n')
+    return load_arm(folder / "arm.toml")
+
+
+GROWS = "compliance = [0, 0, 1e-6, 0, 1e-7, 0]\ncompliance_q2 = [0, 0, 2e-6, 0, 0, 0]"
+
+
+@pytest.mark.filterwarnings("ignore:soft:armflex.ArmflexWarning")
+def test_a_stage_that_follows_another_is_as_long_as_the_factor_of_its_belt_says(tmp_path: Path) -> None:
+    boom = stages(tmp_path, 'model = "telescope"\nEI = 9e3\nlength0 = 2.0\nalong = [1, 0, 0]')
+    law, load = boom.flexures[0].law, np.array([0.0, 0.0, -100.0, 0.0, 30.0, 0.0])
+    for q in (0.0, 0.4, 1.2):
+        length = 2.0 + 0.1 + 0.5 * q
+        twist = law.twist(load, Row(np.array([q]), boom.joint_index))
+        assert twist[2] == pytest.approx((-100.0 * length**3 / 3 - 30.0 * length**2 / 2) / 9e3, rel=1e-12)
+    grows = stages(tmp_path, f'model = "position_dependent"\n{GROWS}').flexures[0].law
+    twist = grows.twist(load, Row(np.array([1.2]), boom.joint_index))
+    assert twist[2] == pytest.approx(-100.0 * (1e-6 + 2e-6 * 0.7**2), rel=1e-12)
+    back = '<mimic joint="ext1" multiplier="-1" offset="-0.2"/>'
+    with pytest.raises(ArmFileError, match="m long at the upper limit of 'ext1'"):
+        stages(tmp_path, 'model = "telescope"\nEI = 9e3\nlength0 = 1.0\nalong = [1, 0, 0]', back)
+
+
+def test_a_page_draws_the_tube_of_a_stage_that_follows(tmp_path: Path) -> None:
+    boom = stages(tmp_path, "compliance = [0, 0, 1e-6, 0, 1e-7, 0]")
+    shown = Motion(np.zeros(1), (boom.deflection([0.8]),), 0)
+    lengths = {
+        node.link: max(shape.size[-1] for shape in node.shapes)
+        for node in arm_scene(boom, shown).nodes
+        if node.name in ("flexed/first", "flexed/second")
+    }
+    assert lengths["second"] == pytest.approx(0.5) and lengths["first"] == pytest.approx(0.8)
 
 
 @pytest.mark.filterwarnings("ignore:soft:armflex.ArmflexWarning")

@@ -13,6 +13,7 @@ import numpy as np
 from armflex.conventions import RESOLUTION, Array
 from armflex.laws import Row
 from armflex.laws.effects.location import LINK, TOOL, Here, Location, link_of, path_to, resolve, site_names
+from armflex.laws.row import MASS
 from armflex.robot import Robot
 from armflex.rows import Driven, Rows
 from armflex.rows.rows import HOLD, LEVEL_OF, POSE, ROW, TIME
@@ -24,9 +25,6 @@ Known = TypeVar("Known", float, Array)
 
 TEMPERATURE = re.compile(r"temp|^T$|^T_|deg_?c$|celsius", re.IGNORECASE)
 """Names of columns that count as a temperature."""
-
-MASS = "payload_mass"
-"""Column of the mass of what is carried [kg], which every row has."""
 
 AXES_TURN = ("rx", "ry", "rz")
 AXES = ("dx", "dy", "dz", *AXES_TURN)

@@ -2,8 +2,8 @@
 
 `T exp6(twist) T^-1 = exp6(Ad_T twist)`, so the transport of the twist is exact, and the wrench follows by duality.
 Any law made softer or stiffer along its axes, as [prior] compliance frees it, is one, too: f(w) becomes S f(S w), and a
-compliance C becomes S C S. S = exp(v / 2), v the logarithm of a factor on each axis' own compliance; of a law that is
-one number (`sole_axis`) it is the same on every axis, so that a hinge keeps its direction.
+compliance C becomes S C S. S = exp(v / 2), v the logarithm of a factor on each axis' own compliance, or on what one
+number of the law bears (`Law.projections`), so that a hinge keeps its direction.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ class ScaledLaw(CarriedLaw):
 
     @cached_property
     def action(self) -> Array:
-        return np.diag(_one_factor(self.law, np.exp(0.5 * self.logarithms)))
+        return self.law.scaling(np.exp(0.5 * self.logarithms))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -132,21 +132,11 @@ class ScaledLaw(CarriedLaw):
         return np.diag(np.full(len(self.axes), self.std**2)) if self.std else None
 
     def by_values(self, wrench: Array, row: Row) -> Array:
-        """Return half of E f + J E w for every axis, f being the scaled law and J its tangent."""
-        twist, tangent = self.twist(wrench, row), self.tangent(wrench, row)
-        if self.law.sole_axis is not None:
-            return twist[..., None]
-        change = 0.5 * (np.eye(6) * twist[..., None, :] + tangent * wrench[..., None, :])
-        return change[..., list(self.axes)]
+        return self.law.by_factors(self.axes, wrench, self.twist(wrench, row), self.tangent(wrench, row))
 
 
 def scaled(law: Law, factor: Array) -> Law:
-    """Return S f(S w), S = diag of (6,) factors, as a law of the same kind where there is one."""
-    scaled_law = law.scaled(_one_factor(law, factor))
+    """Return S f(S w), S of (6,) factors as in `Law.scaling`, as a law of the same kind where there is one."""
+    alike = factor if law.sole_axis is None else np.full(6, factor[law.sole_axis])
+    scaled_law = law.scaled(alike)
     return ScaledLaw(law, 2.0 * np.log(factor)) if scaled_law is None else scaled_law
-
-
-def _one_factor(law: Law, factor: Array) -> Array:
-    """Return (6,) factors on a law's axes: the same on all of a law that is one number."""
-    axis = law.sole_axis
-    return factor if axis is None else np.full(6, factor[axis])

@@ -9,14 +9,17 @@ positive and never more than C.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import cast
 
 import numpy as np
 
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.declaration import Declaration
+from armflex.laws.joint.carried import scaled
 from armflex.laws.joint.linear import declared_std, read_compliance
 from armflex.laws.joint.log_compliance import LOOSE
-from armflex.laws.law import Law, Parameter, Ranges, Row, Transform, block_norms
+from armflex.laws.law import Law, Parameter, Ranges, Row, Transform, block_norms, sole_axis
 from armflex.laws.terms import Term, Terms, power
 
 EXAMPLE = """
@@ -41,13 +44,18 @@ class HardeningLaw(Law):
     energy: float
     relative_std: float = 0.0
 
+    @cached_property
+    def sole_axis(self) -> int | None:
+        """Of the compliance under a small load."""
+        return sole_axis(self.compliance)
+
     @property
     def _axes(self) -> list[int]:
-        return np.flatnonzero(np.diag(self.compliance) > 0.0).tolist()
+        return [axis for axis in self.projections if self.compliance[axis, axis] > 0.0]
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """A factor on every compliant axis (C becomes S C S), and one on the energy."""
+        """A factor on every compliant axis (C becomes S C S), or on a hinge as a whole, and one on the energy."""
         names = (*(TWIST_NAMES[axis] for axis in self._axes), "energy")
         return tuple(Parameter(name, "1", self.relative_std, Transform.LOG) for name in names)
 
@@ -58,7 +66,8 @@ class HardeningLaw(Law):
     def at(self, values: Array) -> HardeningLaw:
         root = np.ones(6)
         root[self._axes] = np.exp(0.5 * (values - self.values)[:-1])
-        return replace(self, compliance=self.compliance * np.outer(root, root), energy=float(np.exp(values[-1])))
+        softer = cast(HardeningLaw, scaled(self, root))
+        return replace(softer, energy=float(np.exp(values[-1])))
 
     def terms(self) -> Terms:
         """Return C w (1 + e)^-1/2."""
@@ -68,9 +77,9 @@ class HardeningLaw(Law):
     def by_values(self, wrench: Array, row: Row) -> Array:
         """Return half of E f + J E w for every axis, f being the twist and J its tangent; and f e / (2 (1 + e))."""
         twist, tangent = self.twist(wrench, row), self.tangent(wrench, row)
-        by_axes = 0.5 * (np.eye(6) * twist[..., None, :] + tangent * wrench[..., None, :])
+        by_axes = self.by_factors(self._axes, wrench, twist, tangent)
         share = (wrench * (wrench @ self.compliance)).sum(axis=-1, keepdims=True) / (2.0 * self.energy)
-        return np.concatenate([by_axes[..., self._axes], (twist * 0.5 * share / (1.0 + share))[..., None]], axis=-1)
+        return np.concatenate([by_axes, (twist * 0.5 * share / (1.0 + share))[..., None]], axis=-1)
 
     def compliance_bound(self, ranges: Ranges) -> Array:
         """Return the norms of C's blocks on the diagonal, their geometric mean beside it: J is positive, C - J, too."""

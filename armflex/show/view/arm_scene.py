@@ -231,7 +231,7 @@ def arm_scene(
     colors = contribution_colors(shown)
     times = motion.times
     rigid, flexed = ([frame.link_poses(scale) for frame in motion.frames] for scale in (0.0, factor))
-    shapes, missing = _link_shapes(arm, motion, meshes)
+    shapes, missing = _link_shapes(arm, rigid, meshes)
     tree = not arm.robot.linkage
     parts = list(_parts(arm, shown, factor, rigid, flexed, colors))
     shapes |= dict.fromkeys((part.name.rpartition("/")[2] for part in parts), ())
@@ -439,7 +439,7 @@ def contribution_colors(deflection: Deflection) -> dict[str, str]:
     return dict(zip(deflection.names.flexures, colors, strict=True))
 
 
-def _link_shapes(arm: Arm, motion: Motion, meshes: bool) -> tuple[dict[str, tuple[Shape, ...]], tuple[str, ...]]:
+def _link_shapes(arm: Arm, rigid: Poses, meshes: bool) -> tuple[dict[str, tuple[Shape, ...]], tuple[str, ...]]:
     """Return what to draw for each link, and what is said of meshes that are not drawn.
 
     That is its primitives, its meshes on request, and rods to its joints where it has nothing or a mesh is left out. A
@@ -447,11 +447,13 @@ def _link_shapes(arm: Arm, motion: Motion, meshes: bool) -> tuple[dict[str, tupl
     """
     drawn, missing = {}, []
     radius = 0.025 * max(arm.robot.reach, 0.1)
-    furthest = np.abs([frame.q for frame in motion.frames]).max(axis=0)
     slides = {
-        joint.child: -joint.axis * far
-        for joint, far in zip(arm.robot.moving, furthest, strict=True)
-        if joint.kind == "prismatic" and joint in arm.robot.jointed
+        joint.child: max(
+            ((np.linalg.inv(pose[joint.child]) @ pose[joint.parent] @ [*joint.origin, 1.0])[:3] for pose in rigid),
+            key=lambda end: float(np.linalg.norm(end)),
+        )
+        for joint in arm.robot.jointed
+        if joint.kind == "prismatic"
     }
     joined = {}
     for closure in (*arm.robot.linkage.loops, *arm.robot.linkage.cylinders):

@@ -12,6 +12,7 @@ from armflex import load_arm
 from armflex.errors import InputError, TableError
 from armflex.intake import intake
 from armflex.intake.names import paired_names
+from armflex.robot.robot import Robot
 
 COUNT = 12
 TEXTS = sorted(range(1, COUNT + 1), key=str)
@@ -437,12 +438,11 @@ def test_what_else_a_dh_table_says_is_read_or_refused(tmp_path: Path) -> None:
         ("type", ("P", "R"), "joint 'J1' slides"),
         ("type", ("?", "R"), r"dh.csv:2: 'type' is '\?'"),
         ("skew [deg]", ("0", "1"), "'skew .*--take 'skew"),
-        (
-            "mass",
-            ("12", "8"),
-            "'mass' is of what links weigh, and in which frame .*--take 'mass=unused', and write mass",
-        ),
-        ("CoM x", ("12", "8"), "'CoM x' is of what links weigh"),
+        ("mass", ("12", "8"), "'mass' has an open unit: write it as 'mass .kg.'"),
+        ("mass [kg]", ("12", "8"), "said nowhere: add the columns 'com x .mm.'.*--take 'mass .kg.=unused'"),
+        ("mass [kg]", ("12", "-8"), r"dh.csv:3: 'mass \[kg\]' is '-8', expected a mass"),
+        ("CoM x [mm]", ("12", "8"), "'CoM x .mm.' is of a centre of mass, and no column has the masses"),
+        ("Ixx", ("12", "8"), "'Ixx': a row has no moments of inertia.*'Ixx=unused'"),
         ("range", ("170", "±90°"), r"dh.csv:2: 'range' is '170', expected a joint's limits"),
         ("range", ("±2", "±1.5"), "'range' has an open unit: write it as 'range .deg.', or --take 'range=unused'"),
         ("min [deg]", ("-170", "-90"), r"dh.csv:2: its limits are -170 and nan, expected a lower and an upper one"),
@@ -787,3 +787,69 @@ def test_rows_of_an_export_in_another_unit_are_named(tmp_path: Path) -> None:
     points.write_text("\n".join(["Name,X [mm],Y [mm],Z [mm]", *cells]))
     with pytest.raises(TableError, match=r"export\.csv:6: x y z: 3 of 12 rows are about 1000 times .*lines 6, 7, 11"):
         intake([rows, points], 5e-5)
+
+
+BODIES = "mass [g],com [m]", ("9000,[0.1 0.02 -0.03]", "4000,-0.2 0 0.05")
+
+
+@pytest.mark.parametrize("form", ["standard", "modified"])
+def test_masses_of_a_dh_table_hang_where_the_frames_of_its_rows_have_them(tmp_path: Path, form: str) -> None:
+    """Their sag is that of the same rows by hand: frame n of the standard form is at the other end of the link."""
+    path, rows = tmp_path / "dh.csv", log(tmp_path / "log.csv", ["P1", "P2", "P3"])
+    header, cells = BODIES
+    path.write_text("\n".join([f"{DH},{header}", *(",".join(pair) for pair in zip(ROWS, cells, strict=True))]))
+    text = intake([path, rows], None, dh=form).arm
+    assert text is not None
+    (tmp_path / "arm.toml").write_text(text)
+    robot = load_arm(tmp_path / "arm.toml").robot
+    q, at, weights = np.array([0.3, -0.4]), np.eye(4), []
+    for (theta, d, a, alpha), angle, (mass, *com) in zip(
+        ((0.0, 0.5, 0.1, -np.pi / 2), (-np.pi / 2, 0.0, 0.55, 0.0)),
+        q,
+        ((9.0, 0.1, 0.02, -0.03), (4.0, -0.2, 0.0, 0.05)),
+        strict=True,
+    ):
+        along, across = np.eye(4), np.eye(4)
+        along[:3, :3], along[2, 3] = Rotation.from_euler("z", theta + angle).as_matrix(), d
+        across[:3, :3], across[0, 3] = Rotation.from_euler("x", alpha).as_matrix(), a
+        at = at @ (along @ across if form == "standard" else across @ along)
+        weights.append((mass, (at @ [*com, 1.0])[:3]))
+    for name, (mass, there) in zip(("link1", "link2"), weights, strict=True):
+        body = robot.urdf.links[name].inertial
+        assert body is not None and body.mass == pytest.approx(mass)
+        np.testing.assert_allclose((link_pose(robot, name, q) @ [*body.origin, 1.0])[:3], there, atol=1e-9)
+
+
+def link_pose(robot: Robot, name: str, q: np.ndarray) -> np.ndarray:
+    """Return the (4, 4) pose of a link of a chain of turning joints, by its joints' origins alone."""
+    pose, turned = np.eye(4), dict(zip((joint.name for joint in robot.moving), q, strict=True))
+    for joint in robot.chain:
+        step, motion = np.eye(4), np.eye(4)
+        step[:3, :3], step[:3, 3] = joint.rotation, joint.origin
+        motion[:3, :3] = Rotation.from_rotvec(joint.axis * turned.get(joint.name, 0.0)).as_matrix()
+        pose = pose @ step @ motion
+        if joint.child == name:
+            return pose
+    raise AssertionError(name)
+
+
+SLIDING = {
+    "dh.csv": f"{DH},type\n{ROWS[0]},R\n{ROWS[1]},P",
+    "arm.urdf": """<robot name="r"><link name="a"/><link name="b"/><link name="c"/>
+<joint name="swing" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint>
+<joint name="reach" type="prismatic"><parent link="b"/><child link="c"/><axis xyz="1 0 0"/>
+<limit lower="0" upper="1" effort="1" velocity="1"/></joint></robot>""",
+}
+
+
+@pytest.mark.parametrize("name", SLIDING)
+def test_a_slide_without_a_unit_is_asked_about_however_the_log_calls_it(tmp_path: Path, name: str) -> None:
+    """Its column is no angle because the angles beside it are in degrees."""
+    (tmp_path / name).write_text(SLIDING[name])
+    (tmp_path / "log.csv").write_text("pose,J1,J2\n1,170,120\n2,-90,250\n3,20,400\n")
+    files, form = [tmp_path / name, tmp_path / "log.csv"], "standard" if name == "dh.csv" else None
+    with pytest.raises(InputError, match="unit of column 'J2' is stated nowhere: --take 'J2=q_J2_mm' or =q_J2_m"):
+        intake(files, None, dh=form)
+    joined = intake(files, None, dh=form, taken={"J2": "q_J2_mm"})
+    lengths = next(values for column, values in joined.columns.items() if column in ("q_J2", "q_reach"))
+    np.testing.assert_allclose(np.asarray(lengths, dtype=float), [0.12, 0.25, 0.4])

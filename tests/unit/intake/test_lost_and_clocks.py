@@ -505,10 +505,10 @@ def test_three_sources_of_a_place_and_more_are_an_error(tmp_path: Path, places: 
         intake([log(tmp_path), export(tmp_path, rows)], 5e-5)
 
 
-def equally_long(seed: int, poses: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def equally_long(seed: int, poses: int, unlike: int = 99) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return times, joints and places of an arm of which each motion and each stand takes as long as all others."""
     rng, step, sizes = np.random.default_rng(seed), 0.02, [1.8, 0.9, 0.9, 1.8, 1.2, 1.8]
-    q = rng.uniform(-1.0, 1.0, (poses, 6)) * sizes
+    q = (rng.uniform(-1.0, 1.0, (poses, 6)) * sizes)[np.arange(poses) % unlike]
     rows = [np.tile(q[0], (60, 1))]
     for before, after in pairwise(q):
         part = np.linspace(0.0, 1.0, 50)[:, None]
@@ -695,3 +695,16 @@ def test_frames_of_a_second_are_not_hundredths(tmp_path: Path) -> None:
             for t, (x, y, z) in zip(TT, MM, strict=True)]  # fmt: skip
     with pytest.raises(InputError, match=r"'time' has '10:00:.*' *, which is no time"):
         intake([log(tmp_path), export(tmp_path, rows)], 5e-5)
+
+
+@pytest.mark.parametrize(("seed", "poses", "unlike", "begins", "ends"), [(4, 10, 5, 0, 140), (4, 10, 5, 110, 70)])
+def test_poses_again_and_again_are_no_evidence_of_clocks(
+    seed: int, poses: int, unlike: int, begins: int, ends: int
+) -> None:
+    """Five poses are as many numbers however often they are visited: six joints explain them at a wrong lag, too."""
+    time, joints, places = equally_long(seed, poses, unlike)
+    seen = slice(begins, len(places) - ends)
+    try:
+        assert offset(time, joints, time[seen] - 2.2, places[seen]) == pytest.approx(-2.2, abs=0.03)
+    except InputError as error:
+        assert "move alike at several differences" in str(error)

@@ -131,7 +131,8 @@ def test_draws_spread_as_the_covariance_says(law):
 
 def test_scaled_is_what_it_says(law):
     loads, rows = asked(law)
-    found, expected = scaled(law, FACTOR), FACTOR * law.twist(FACTOR * loads, rows)
+    scale = law.scaling(FACTOR)
+    found, expected = scaled(law, FACTOR), law.twist(loads @ scale, rows) @ scale
     np.testing.assert_allclose(found.twist(loads, rows), expected, rtol=1e-9, atol=1e-18)
 
 
@@ -211,7 +212,8 @@ def test_it_is_freed_found_again_saved_drawn_warned_about_planned_for_and_tracke
 @pytest.mark.parametrize("name", FREED)
 def test_a_campaign_frees_what_gives(name, declared):
     arm = declared[name]
-    assert law_of(arm).freed(anywhere(arm.robot)) == (0, 1, 2, 3, 4, 5)
+    of_numbers = {"telescope": {0, 3, 4}}  # EA, GJ and EI of a boom along x
+    assert set(law_of(arm).freed(anywhere(arm.robot))) == of_numbers.get(name, set(range(6)))
     assert all(flexure.law.freed(anywhere(arm.robot)) for flexure in arm.flexures)
 
 

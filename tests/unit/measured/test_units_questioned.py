@@ -12,7 +12,9 @@ from support.small_arms import ROBOTS, write
 from support.two_links import GOOD, declared
 
 from armflex import Arm, load_arm, read_measurements, read_trajectory
-from armflex.errors import ArmflexWarning, JointLimitError, TableError
+from armflex.errors import ArmflexWarning, JointLimitError, MissingCovariateError, TableError
+from armflex.laws import Row
+from armflex.measured.measurements import stream_inputs
 
 HEAVY = ROBOTS / "heavy_six" / "arm.toml"
 
@@ -107,3 +109,26 @@ def test_millimetres_for_metres_on_a_slide(tmp_path: Path) -> None:
 def test_a_trajectory_far_beyond_its_limits_names_its_line(heavy: Arm, tmp_path: Path) -> None:
     with pytest.raises(TableError, match=r"rows\.csv:2: q_J\d is -?\d+.* deg\? Then name the column q_J\d_deg"):
         read_trajectory(rows(tmp_path, heavy, moving(heavy, 90.0)), heavy)
+
+
+@pytest.mark.parametrize("first", ["time", "pose"])
+def test_a_number_far_beyond_its_limits_is_named_as_written_and_in_its_own_unit(
+    heavy: Arm, tmp_path: Path, first: str
+) -> None:
+    """The unit that a header states is not offered once more, wherever the rows are read."""
+    header = ",".join([first, *(f"q_{name}_deg" for name in heavy.joint_names)])
+    path = tmp_path / "rows.csv"
+    path.write_text(f"{header}\n0,2000,1500,900,0,0,0\n1,2100,1500,900,0,0,0\n")
+    with pytest.raises(
+        TableError, match=r"q_J1 is 2000 deg \(limits -175 to 175; 2 rows\): in .*Then convert it to deg"
+    ):
+        if first == "time":
+            read_trajectory(path, heavy)
+        else:
+            list(stream_inputs(path, heavy, 1))
+
+
+def test_what_every_row_has_is_not_called_given() -> None:
+    row = Row(np.zeros(1), {"J1": 0}, {"oil": np.zeros(()), "payload_mass": np.zeros(()), "approach_J1": np.zeros(())})
+    with pytest.raises(MissingCovariateError, match=r"\(given: oil\)"):
+        row.covariate("temperature")

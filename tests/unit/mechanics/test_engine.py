@@ -18,9 +18,9 @@ from armflex import Arm, Payload, Wrench
 from armflex.conventions import Array
 from armflex.errors import InputError
 from armflex.laws import LinearLaw
-from armflex.laws.effects.context import MASS
 from armflex.laws.joint.hardening import HardeningLaw
 from armflex.laws.law import WithoutParameters
+from armflex.laws.row import MASS
 from armflex.laws.terms import Curve, Factor, Of, Term, Terms, part, power, straight, table
 from armflex.mechanics.engine import binding, build
 from armflex.mechanics.engine.tables import Laws, Tables, Tree
