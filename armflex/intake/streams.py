@@ -417,8 +417,8 @@ def offset(time: Array, values: Array, other: Array, place: Array) -> float:
         within = [float((speeds[0][max(-lag, 0) : len(target) - lag] ** 2).sum()) / size for lag in lags.tolist()]
         lasts = 0.5 * uneven * seen * np.log(np.maximum(1.0 - match[rivals] ** 2 / np.array(within), FLOOR))
         as_written = np.abs(grids[1][0][0] - grids[0][0][0] + lags * STEP) < AGREE
-        told = np.maximum(unlike * motions * np.array(there) / len(speeds[0]) - values.shape[1], 0.0)
-        doubt = 0.5 * told * np.log(left) + 0.5 * apart[:, 1] * apart[:, 0] + lasts - 0.5 * DISTINCT * as_written
+        independent = np.maximum(unlike * motions * np.array(there) / len(speeds[0]) - values.shape[1], 0.0)
+        doubt = 0.5 * independent * np.log(left) + 0.5 * apart[:, 1] * apart[:, 0] + lasts - 0.5 * DISTINCT * as_written
         best, (first, second) = int(rivals[doubt.argmin()]), np.sort(doubt)[:2]
         if second - first < DISTINCT:
             start = grids[1][0][0] - grids[0][0][0]
