@@ -78,9 +78,9 @@ def refine(beside: Beside, some: Sequence[Rival]) -> None:
         before = screen.refined.setdefault(spot, set())
         if spot != lead.spot and led not in before:
             before.add(led)
-            grid = of_grid(spot)[0]
-            there = replace(grid, one=replace(grid.one, inner=inner))
-            found += best([grid, there], SCALES[len(SCALES) // 2])
+            for grid in of_grid(spot)[:1]:  # none where all that it may do moves nothing
+                there = replace(grid, one=replace(grid.one, inner=inner))
+                found += best([grid, there], SCALES[len(SCALES) // 2])
     screen.extend(found)
 
 

@@ -397,7 +397,7 @@ def test_two_bearings_and_a_drive_as_declared(tmp_path):
         (
             'at = "flange"',
             'at = "flange"\nmodel = "position_dependent"\ndepends_on = "elbo"',
-            "depends_on: 'elbo' is no moving joint of the chain, did you mean 'elbow'",
+            "depends_on: 'elbo' is no driven joint of the chain, did you mean 'elbow'",
         ),
         (
             'at = "flange"',

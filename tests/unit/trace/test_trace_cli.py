@@ -154,7 +154,9 @@ def test_a_unit_of_a_column_is_one_of_that_column(ran, capsys) -> None:
     units = [value["unit"] for value in as_json(other)["effects"][0]["parameters"].values()]
     assert units[:2] == ["rad per unit of hours", "rad per unit of hours^2"]
     print_trace(other)
-    assert "slope 0.0001 ± 1e-05 rad per unit of hours" in " ".join(capsys.readouterr().out.split())
+    assert "mrad per unit of hours and curvature 1.00 ± 0.10 µrad per unit of hours²" in " ".join(
+        capsys.readouterr().out.split()
+    )
 
 
 def test_suspects_are_all_that_compete(ran) -> None:
