@@ -441,8 +441,7 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
     payload = tuple(name or unnamed.payload for name in payload)
     check_payloads(table, payload, arm)
     q, places = table.matrix(names["q"]), tuple(Place(table.path, line) for line in table.lines)
-    units = {name: column.unit for name, column in table.columns.items() if column.unit}
-    check_joint_units(q, arm, places, units=units)
+    check_joint_units(q, arm, places, units=table.units)
     warn(unit_flags(table, arm))
     time = table.numbers("time")
     slow = np.diff(time) >= SHORTEST
@@ -452,7 +451,7 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
     table.require([name for prefix in given for name in names[prefix]])
     moved = {prefix: table.matrix(names[prefix]) if prefix in given else None for prefix in ("v", "a", TARGET)}
     if (target := moved[TARGET]) is not None:
-        check_joint_units(target, arm, places, TARGET, units)
+        check_joint_units(target, arm, places, TARGET, table.units)
     return Trajectory(
         arm.joint_names,
         time,

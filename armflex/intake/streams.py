@@ -399,10 +399,10 @@ def offset(time: Array, values: Array, other: Array, place: Array) -> float:
     if match[best] < ALIKE * np.sqrt(min(map(len, speeds)) / max(map(len, speeds))):
         text = "do not move alike at any difference of their clocks"
         raise InputError(f"joints and target {text} (correlation {match[best]:.2f}): is it the target of this arm?")
-    motions = int(np.count_nonzero(np.diff((speeds[0] > 0.0).astype(int)) > 0))
-    seen = max(motions * min(1.0, len(speeds[1]) / len(speeds[0])), 1.0)
     rivals = np.union1d(find_peaks(match, 0.9 * match[best], distance=round(STANDS / STEP))[0], [best])
     if len(rivals) > 1:
+        motions = int(np.count_nonzero(np.diff((speeds[0] > 0.0).astype(int)) > 0))
+        seen = max(motions * min(1.0, len(speeds[1]) / len(speeds[0])), 1.0)
         stands = np.round((dwells(time, values, "rad").mean(axis=1) - grids[0][0][0]) / STEP).astype(int)
         ways = [*pairwise(_poses(grids[0][1], stands))]
         # A motion again says no more, and how long it takes only where that is not as long as before.

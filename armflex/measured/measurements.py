@@ -294,11 +294,10 @@ def read_measurements(
         covariates[name] = table.numbers(name) if column.numeric else table.texts(name)
     sha256, frame = table.sha256, ""
     measurements = replace(measurements, covariates=covariates)
-    units = {name: column.unit for name, column in table.columns.items() if column.unit}
     odd = float(in_other_units(measurements.q, arm).mean(axis=0).max(initial=0.0))
     # Of a whole column readings decide what unit it is in, when the arm is fitted.
     if inputs_only or not measurements.positioned.any() or odd < FEW_ROWS:
-        check_joint_units(measurements.q, arm, measurements.places, units=units)
+        check_joint_units(measurements.q, arm, measurements.places, units=table.units)
     for kind in measurements.readings.kinds:
         if kind.unit == "m":
             read = np.flatnonzero(np.isfinite(kind.sigma).all(axis=1) & measurements.measured)
@@ -320,7 +319,7 @@ def read_measurements(
         if arm.measurement.frame == "base" and frame.split("::")[-1].lower() not in (base.lower(), "base"):
             text = f"points are in frame {frame!r}; the arm file says that measurements are in its base {base!r}"
             flags += (Flag("points_frame", text),)
-    return replace(measurements, flags=flags, sha256=sha256, frame=frame, units=units)
+    return replace(measurements, flags=flags, sha256=sha256, frame=frame, units=table.units)
 
 
 def as_measurements(measurements: Measurements | Tabular, arm: Arm, inputs_only: bool = False) -> Measurements:
@@ -350,7 +349,7 @@ def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLO
     asked: list[tuple[Flag, ...]] = []
     units: dict[str, str] = {}
     for table in read_pieces(path, kinds, most):
-        units = {name: column.unit for name, column in table.columns.items() if column.unit}
+        units = table.units
         recognised, (measurements, turned) = _known_columns(table, arm, True, None), _measurements(table, arm, unnamed)
         warn(() if turned is None else (turned,))
         asked.append(unit_flags(table, arm))

@@ -103,6 +103,11 @@ class Table:
         return len(self.lines)
 
     @property
+    def units(self) -> dict[str, str]:
+        """The unit of each column whose header states one, by its name."""
+        return {name: column.unit for name, column in self.columns.items() if column.unit}
+
+    @property
     def sha256(self) -> str:
         """Of the file, or of what the data frame or the stream holds."""
         if self.digest:
