@@ -65,7 +65,7 @@ ASKED = ("laws", "per_load", "joints", "at_sites", "loads", "motions", "poses", 
 class RestStruct(Structure):
     """`rested` of engine.h."""
 
-    _fields_ = [(name, c_void_p) for name in RESTED]
+    _fields_ = [(name, c_void_p) for name in (*RESTED, "ends")]
 
 
 class AskedStruct(Structure):
@@ -167,6 +167,14 @@ class Tree:
     def flexures_inboard(self, element: int) -> int:
         """Return how many flexures of a chain move an element."""
         return int((self.flexures <= element).sum())
+
+    def answers(self, sites: int, bodies: int) -> dict[str, tuple[int, ...]]:
+        """Return the shapes of a row of all that `Engine.respond` answers, closures and pins among the sites."""
+        n = len(self.flexures)
+        of_sites = {"at_sites": (6, sites, 6), "loads": (sites, 6)}
+        of_bodies = {"motions": (bodies, 6, 6), "poses": (bodies, 4, 4)}
+        whole = {"laws": (6, n, 6), "per_load": (6, n, 6), "joints": (6, self.driven), "distance": ()}
+        return whole | of_sites | of_bodies
 
     @cached_property
     def kept(self) -> local:
