@@ -41,7 +41,6 @@ ROUNDS = 16
 SETTLED = 3e-14
 """Change between two rounds: of all flexures' twists [m, rad], and of a wrench by its size."""
 
-NO_FACTORS = np.zeros(0)
 UNMOVED = np.eye(4)
 NO_FRAMES = Frames((), np.zeros((2, 0), dtype=np.int64), np.zeros((0, 12)))
 
@@ -55,25 +54,43 @@ State = tuple[Array, Array, Array]
 
 
 class Solution(NamedTuple):
-    """Where an arm rests in N rows: (N, 6) displacement of the tip, (N, n, 6) wrenches and twists of the flexures.
+    """Where an arm rests in N rows; fields are those of `Rest`, and `load_factor` (N,) as of `Equilibrium`.
 
-    Wrenches of no rows are not asked for: they follow from the twists. `load_factor` (N,) is as of `Equilibrium`.
+    Loads of no rows are not asked for: they follow from the twists.
     """
 
     displacement: Array
-    wrenches: Array
+    loads: Array
     twists: Array
-    load_factor: Array = NO_FACTORS
+    load_factor: Array
+    closed: Array
+    flexed: Array
+    forces: Array
 
     @classmethod
-    def empty(cls, count: int, flexures: int, wrenches: bool = True) -> Solution:
+    def empty(cls, tree: Tree, count: int, loads: bool = True) -> Solution:
         """Return room for the solution in some rows."""
-        loads = np.empty((count if wrenches else 0, flexures, 6))
-        return cls(np.empty((count, 6)), loads, np.empty((count, flexures, 6)), np.full(count, np.inf))
+        n, p, m = len(tree.flexures), tree.passive, len(tree.rows)
+        shapes = (count, 6), (count if loads else 0, n, 6), (count, n, 6), (count,), (count, p), (count, p), (count, m)
+        found = cls(*map(np.empty, shapes))
+        found.load_factor[:] = np.inf
+        return found
 
     def some(self, rows: slice | np.ndarray) -> Solution:
         """Return some of the rows, as views where they are a slice."""
         return Solution(*(part[rows] if len(part) else part for part in self))
+
+    def row(self, i: int) -> Rest:
+        """Return a copy of one of the rows."""
+        displacement, loads, twists, _, *rest = (part[i].copy() for part in self)
+        return Rest(displacement, twists, loads, True, *rest)
+
+    def put(self, i: int, rest: Rest) -> None:
+        """Fill one of the rows."""
+        self.displacement[i], self.twists[i], self.closed[i] = rest.displacement, rest.twists, rest.closed
+        self.flexed[i], self.forces[i] = rest.flexed, rest.forces
+        if len(self.loads):
+            self.loads[i] = rest.loads
 
 
 class Pushes:
@@ -91,7 +108,6 @@ class Pushes:
         self,
         loaded: LoadedArm,
         wrenches: Sequence[Wrench] = (),
-        sited: bool = False,
         before: Pushes | None = None,
     ) -> None:
         self._wrenches, self._loads = wrenches, (*wrenches, *loaded.arm.pulls)
@@ -101,8 +117,7 @@ class Pushes:
             self._tree, self._frames = before._tree, before._frames
             self.links, self.posed = before.links, before.posed
         else:
-            self._tree = loaded.sited_tree if sited else loaded.tree
-            frames = loaded.link_frames if sited else loaded.plain_link_frames
+            self._tree, frames = loaded.tree, loaded.link_frames
             self._frames = frames.some([frames.names.index(load.frame) for load in loads])
             elements = self._frames.places[0]
             inboard = [self._tree.flexures_inboard(int(element)) for element in elements]
@@ -191,10 +206,7 @@ def responded(
 
     Args:
         tree: The arm.
-        what: "poses" (N, b, 4, 4) of bodies; "loads" (N, s, 6) on all that a twist at a site moves, its axes;
-            "distance" (N,), by how much less than 1 the stiffness of a direction may be; or motions of the tip: "laws"
-            (N, 6, n, 6) by a flexure's twist, "per_load" (N, 6, n, 6) by the load on it, "joints" (N, 6, nq),
-            "at_sites" (N, 6, s, 6) by twists there, "motions" (N, b, 6, 6) by wrenches at the origins of bodies.
+        what: Names of what is filled there.
         q, twists: (N, nq) and (N, n, 6) of joints and flexures.
         sites, bodies: Frames of the arm.
         laws: Of its flexures; none are needed for poses and loads.
@@ -204,11 +216,8 @@ def responded(
         behind: How many closures and pins there are behind the sites in s.
         into: Arrays to be filled, by name; what is not there is made.
     """
-    count, b, s, at = len(q), len(bodies.numbers), len(sites.numbers) + behind, tree.elements[-1, :16]
-    shapes: dict[str, tuple[int, ...]] = {"laws": (6, *twists.shape[1:]), "per_load": (6, *twists.shape[1:])}
-    shapes |= {"joints": (6, q.shape[1]), "at_sites": (6, s, 6), "loads": (s, 6), "distance": ()}
-    shapes |= {"motions": (b, 6, 6), "poses": (b, 4, 4)}
-    given = into or {}
+    count, given, at = len(q), into or {}, tree.elements[-1, :16]
+    shapes = tree.answers(len(sites.numbers) + behind, len(bodies.numbers))
     found = {name: given[name] if name in given else np.empty((count, *shapes[name])) for name in what}
     if end is not None:
         at = np.concatenate([end.numbers[0], np.zeros(3), end.places[0, :1]])
@@ -229,7 +238,6 @@ class ManyRows:
 
     Attributes:
         loaded: The arm with the payload.
-        tree: Of it; the tool is an element of its own.
         rows: (M,) their numbers.
         pushed: What pulls at its links.
         laws: Of its flexures there, those that are not known by terms expanded about their loads.
@@ -237,7 +245,6 @@ class ManyRows:
     """
 
     loaded: LoadedArm
-    tree: Tree
     rows: np.ndarray
     pushed: Pushed
     laws: Laws
@@ -253,9 +260,7 @@ class ManyRows:
         links, wrenches, changes = self.pushed
         laws, state = self.laws.some(own, len(self.rows)), self.state
         at_rest = None if state is None else (of(state[0]), of(state[1]), of(state[2]))
-        return ManyRows(
-            self.loaded, self.tree, number[self.rows[own]], (links, of(wrenches), of(changes)), laws, at_rest
-        )
+        return ManyRows(self.loaded, number[self.rows[own]], (links, of(wrenches), of(changes)), laws, at_rest)
 
     @cached_property
     def place(self) -> slice | np.ndarray:
@@ -277,15 +282,15 @@ class ManyRows:
         links, behind = loaded.link_frames, len(linkage.closures) + len(linkage.pins)
         at = None if end is None else links.some([links.names.index(end)])
         frames = {"sites": loaded.sites, "bodies": links, "end": at, "behind": behind, "into": into}
-        return responded(self.tree, what, q, twists, **frames, **self._acting)
+        return responded(loaded.tree, what, q, twists, **frames, **self._acting)
 
     def by_gravity(self, end: str | None, q: Array, twists: Array) -> Array:
         """Return the (M, 6, 3) motion of an end per change of gravity, which acts on the centres of all masses."""
-        elements, links = self.tree.elements[:-1], self.loaded.link_frames
+        elements, links = self.loaded.tree.elements[:-1], self.loaded.link_frames
         at = None if end is None else links.some([links.names.index(end)])
         turns, places = np.tile(np.eye(3).ravel(), (len(elements), 1)), np.arange(len(elements))
         centres = Frames((), np.array([places, places]), np.concatenate([turns, elements[:, 16:19]], axis=1))
-        found = responded(self.tree, ("motions",), q, twists, bodies=centres, end=at, **self._acting)["motions"]
+        found = responded(self.loaded.tree, ("motions",), q, twists, bodies=centres, end=at, **self._acting)["motions"]
         return np.einsum("nfba,f->nba", found[..., :3], elements[:, 15])
 
     @property
@@ -307,10 +312,13 @@ class RowSolver:
         self.pushes, self._wrenches = Pushes(loaded, wrenches), wrenches
         self.limits = np.array(loaded.arm.bounds)
 
-    def needs_wrenches(self, laws: RowLaws) -> bool:
-        """Return whether loads must be known to solve the rows, or to prove that the arm stays."""
-        plain = not (laws.curved or self.pushes.posed)
-        return not plain or laws.bent or not (self.bound and self.bound.proven)
+    def rest(self, row: Row, into: Solution) -> np.ndarray:
+        """Put into `into` where the arm rests in some rows; return (N,) whether it is proven that it stays there."""
+        laws = RowLaws(self._loaded.arm.stack, row)
+        plain = not (laws.curved or laws.bent or self.pushes.posed) and bool(self.bound and self.bound.proven)
+        if not (plain or len(into.loads)):  # to solve the rows, or to prove that the arm stays
+            into = into._replace(loads=np.empty_like(into.twists))
+        return self.proven(row, laws, into, self.bound, self.solve(row, laws, into))
 
     @cached_property
     def bound(self) -> StabilityBound | None:
@@ -340,11 +348,11 @@ class RowSolver:
         pushed = self.pushes.wrenches(q)
         self._run(q, laws, pushed, into, motion, exact=False)  # for the loads on the rigid arm
         if laws.curved:
-            laws.expand(into.wrenches)
+            laws.expand(into.loads)
         fine, converged = self._run(q, laws, pushed, into, motion), np.zeros(len(q), dtype=bool)
         for _ in range(ROUNDS):
             # What is too large is left alone: here it would only make numbers that overflow.
-            twists, wrenches = (np.where(fine[:, None, None], part, 0.0) for part in (into.twists, into.wrenches))
+            twists, wrenches = (np.where(fine[:, None, None], part, 0.0) for part in (into.twists, into.loads))
             before, pushed = pushed, self.pushes.wrenches(q, twists)
             moved = laws.expand(wrenches, slopes=False) if laws.curved else 0.0
             converged |= (moved <= SETTLED) & (turned(before, pushed) <= SETTLED)
@@ -360,7 +368,7 @@ class RowSolver:
         engine.set_laws(laws.numbers, len(q))
         engine.set_loads(self.pushes.links, pushed, NO_CHANGES, len(q))
         engine.set_motion(motion, len(q))
-        loads = into.wrenches if len(into.wrenches) or not len(q) else None
+        loads = into.loads if len(into.loads) or not len(q) else None
         engine.rest_chain(q, exact, into.displacement, loads, into.twists, fine)
         engine.forget()
         return fine
@@ -379,28 +387,16 @@ class RowSolver:
         if bound is not None:
             proven = fine & within(row.q, *self.limits)
             if not bound.proven:
-                proven &= bound.stays(found.wrenches.reshape(len(proven), -1), laws.tangent)
+                proven &= bound.stays(found.loads.reshape(len(proven), -1), laws.tangent)
         rest = np.flatnonzero(fine & ~proven)
         if len(rest):
             if laws.curved:
-                laws.expand(np.where(fine[:, None, None], found.wrenches, 0.0))
-            proven[rest] = self.linearise(row, laws, found, rest)[1] <= SHARE
+                laws.expand(np.where(fine[:, None, None], found.loads, 0.0))
+            q, twists, numbers = row.q[rest], found.twists[rest], laws.numbers.some(rest, len(row.q))
+            pushed = self.pushes.some(rest).at(q, twists)
+            answers = responded(self._chain, ("distance",), q, twists, laws=numbers, pushed=pushed)
+            proven[rest] = answers["distance"] <= SHARE
         return proven
-
-    def linearise(self, row: Row, laws: RowLaws, found: Solution, some: np.ndarray) -> tuple[Array, Array]:
-        """Return how the tip responds to changes of the laws in some rows, and how far its tangents are from rigid.
-
-        Args:
-            row, laws, found: As of `solve`.
-            some: (M,) numbers of the rows.
-
-        Returns:
-            (M, 6, n, 6), and (M,) norms of the tangents less the unit matrix: below 1 is a proof that it is stable.
-        """
-        q, twists, numbers = row.q[some], found.twists[some], laws.numbers.some(some, len(row.q))
-        pushed = self.pushes.some(some).at(q, twists)
-        answers = responded(self._chain, ("laws", "distance"), q, twists, laws=numbers, pushed=pushed)
-        return answers["laws"], answers["distance"]
 
 
 class OneChain:
@@ -436,15 +432,13 @@ class OneChain:
         return self
 
     def _push(self) -> None:
-        self._settled, self._proven = not self._pushes.posed, self._stays_by_bound(None)
+        bound = self._loaded.stability_bound
+        self._bound = bound and bound.under(self._wrenches)
+        self._settled, self._proven = not self._pushes.posed, bool(self._bound and self._bound.proven)
         certain = self._settled and self._proven and not self._moved
         self.quick = self._solve.quick if certain and self._solve is not None else None
         if self._settled and self._solve is not None:
             self._solve.set_loads(self._pushes.links, self._pushes.same)
-
-    def _stays_by_bound(self, motion: Array | None) -> bool:
-        bound = self._loaded.stability_bound
-        return bound is not None and bound.proven_under(self._wrenches, motion)
 
     @property
     def _rows(self) -> RowSolver:
@@ -464,9 +458,9 @@ class OneChain:
             return None
         displacement, twists, loads = found
         if motion is not None:
-            proven = self._stays_by_bound(motion)
+            proven = bool(self._bound and self._bound.proven_while(motion))
         else:
-            proven = self._proven or self._stays(q, covariates, Solution(displacement[None], loads[None], twists[None]))
+            proven = self._proven or self._stays(q, covariates, twists, loads)
         if self._moved:
             self._moved(q, displacement)
         return Rest(displacement, twists, loads, proven)
@@ -479,8 +473,9 @@ class OneChain:
             self._known[place] = covariates[name]
         return True
 
-    def _stays(self, q: Array, covariates: Mapping[str, Array], found: Solution) -> bool:
-        row = self._loaded.row(q[None], covariates)
+    def _stays(self, q: Array, covariates: Mapping[str, Array], twists: Array, loads: Array) -> bool:
+        row, found = self._loaded.row(q[None], covariates), Solution.empty(self._loaded.tree, 1)
+        found.twists[0], found.loads[0] = twists, loads
         if self._loaded.arm.stack.rows_differ:
             self._laws.know(row)
         return bool(self._rows.proven(row, self._laws, found, self._rows.bound, np.ones(1, dtype=bool))[0])
@@ -488,15 +483,15 @@ class OneChain:
     @np.errstate(over="ignore", invalid="ignore")
     def _in_rounds(self, q: Array, covariates: Mapping[str, Array], motion: Array | None) -> Rest | None:
         row, arm = self._loaded.row(q[None], covariates), self._loaded.arm
-        laws, found = RowLaws(arm.stack, row), Solution.empty(1, len(arm.sites))
+        laws, found = RowLaws(arm.stack, row), Solution.empty(self._loaded.tree, 1)
         fine = self._rows.solve(row, laws, found, None if motion is None else motion[None])
         if not (fine[0] and arm.within_limits(q.tolist())):
             return None
         if motion is not None:
-            proven = self._stays_by_bound(motion)
+            proven = bool(self._bound and self._bound.proven_while(motion))
         else:
             proven = bool(self._rows.proven(row, laws, found, self._rows.bound, fine)[0])
-        return Rest(found.displacement[0], found.twists[0], found.wrenches[0], proven)
+        return found.row(0)._replace(proven=proven)
 
 
 def _from_nominal(loaded: LoadedArm) -> Callable[[Array, Array], None]:
@@ -603,7 +598,7 @@ def drawn_displacements(
     for some in chunks(np.arange(len(rows)), AT_ONCE):
         given = {name: values[some] if values.ndim else values for name, values in known.items()}
         row = loaded.row(rows[some], given)
-        into = Solution.empty(len(row.q), len(arm.sites))
+        into = Solution.empty(loaded.tree, len(row.q))
         for number, stack in enumerate(stacks):
             laws = RowLaws(stack, row)
             fine = solver.solve(row, laws, into)

@@ -94,7 +94,7 @@ def main(library: str, count: int, seed: int) -> None:
         known = []
         for arm in arms(Path(folder)):
             loaded = arm.loaded(None)
-            known.append((loaded.sited_tree if loaded.tied else loaded.tree, arm.stack.numbers))
+            known.append((loaded.tree, arm.stack.numbers))
             q = arm.position() if loaded.tied else positions(arm, 3)
             arm.deflection(q, allow_large=True)  # as it is
         names = [one.name for one in fields(Tree)]

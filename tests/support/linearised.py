@@ -19,7 +19,7 @@ import pinocchio as pin
 from armflex import Arm, Payload, Wrench
 from armflex.mechanics.equilibrium import Equilibrium, find_equilibrium
 from armflex.mechanics.loaded import LoadedArm
-from armflex.mechanics.mechanism import Mechanism
+from armflex.mechanics.mechanism import Mechanism, Placed
 from armflex.mechanics.pinocchio_model import BASE_AXES, LoadCase, build_model, carrying, frame_jacobian
 from armflex.robot import Site
 
@@ -56,10 +56,10 @@ class Linearised:
 
         lengths = 6 * (len(linkage.loops) + np.arange(len(linkage.cylinders)))
         by_law = per_law.reshape(count, 6, -1, 6)
-        wrenches = [-one.torque[flexures].reshape(-1, 6) for one in self.founds]
+        wrenches = [-one.placed.torque[flexures].reshape(-1, 6) for one in self.founds]
         return {
             "flexure_wrenches": np.array(wrenches),
-            "flexure_twists": np.array([one.motion[flexures] for one in self.founds]),
+            "flexure_twists": np.array([one.placed.motion[flexures] for one in self.founds]),
             "laws": by_law,
             "per_load": np.einsum("mbni,mnij->mbnj", by_law, self.tangents),
             "tip": poses[:, place],
@@ -80,10 +80,7 @@ def linearised_rows(arm: Arm, q: np.ndarray, payload: str | Payload, wrenches: S
     probed, probed_v = _probed(loaded)
     cases = [LoadCase(row, wrenches=tuple(wrenches)) for row in q]
     founds = [find_equilibrium(loaded, case, "newton") for case in cases]
-    flexures = loaded.flex.flexure_v
-    tangents = np.array(
-        [loaded.arm.stack.tangents(-one.torque[flexures].reshape(-1, 6), loaded.row(one.case.q, {})) for one in founds]
-    )
+    tangents = np.array([loaded.arm.stack.tangents(one.rest.loads, one.row) for one in founds])
     rows = [
         _row(loaded, probed, probed_v, one, tangent, case)
         for one, tangent, case in zip(founds, tangents, cases, strict=True)
@@ -115,7 +112,7 @@ def _row(loaded: LoadedArm, probed, probed_v: np.ndarray, found: Equilibrium, ta
     ends = [*(own.frame(name) for name in loaded.links), own.tip]
     flexures, linkage = flex.flexure_v, loaded.arm.robot.linkage
     n, motion = len(flexures), np.zeros(flex.size)
-    motion[flexures] = found.motion[own.flexure_v]
+    motion[flexures] = found.placed.motion[own.flexure_v]
     if linkage:
         configuration, answers, loads = _closed(loaded, probed, found, motion, case)
     else:
@@ -141,12 +138,13 @@ def _row(loaded: LoadedArm, probed, probed_v: np.ndarray, found: Equilibrium, ta
 def _closed(loaded: LoadedArm, probed: Mechanism, found: Equilibrium, motion: np.ndarray, case: LoadCase) -> tuple:
     """Return the configuration of a mechanism, its `laws` to `ways` of `Linearised`, and its (size,) loads."""
     mechanics, row, nv = loaded.mechanics, loaded.row(case.q, case.covariates), probed.model.nv
-    motion[nv:], torque = found.motion[mechanics.model.nv :], np.zeros(probed.flex.size)
-    free = mechanics.flexed(found.rigid, found.motion)[mechanics.flex.free_q]
-    configuration = probed.flexed(probed.true.configuration(case.q, free), motion)
-    torque[nv:] = found.torque[mechanics.model.nv :]
-    torque[:nv] = probed.held(configuration, case, torque)
-    linear = probed.linear(configuration, motion, torque, case, row, mechanics.idle(case, row))
+    motion[nv:], torque = found.placed.motion[mechanics.model.nv :], np.zeros(probed.flex.size)
+    rigid = probed.true.configuration(case.q, found.rest.flexed)
+    configuration = probed.flexed(rigid, motion)
+    torque[nv:] = found.placed.torque[mechanics.model.nv :]
+    at = Placed(case, row, rigid, motion, torque, configuration)
+    torque[:nv] = probed.held(at)
+    linear = probed.linear(at, mechanics.idle(case, row))
     turned, opened = probed.tied.pins(-torque[nv:])
     by_pin = -linear.by_load @ turned - linear.by_gap @ opened
     by_gap, ways = linear.by_gap @ linear.rows, linear.rows.T @ linear.ways

@@ -176,9 +176,10 @@ class Engine(Tables):
         """Fill what is asked about an arm that rests in N rows, all of it in one pass.
 
         Args:
-            into: To be filled: "laws" and "per_load" (N, 6, n, 6), "joints" (N, 6, d), "at_sites" (N, 6, s, 6), "loads"
-                (N, s, 6), "motions" (N, b, 6, 6), "poses" (N, b, 4, 4), and "distance" (N,): below 1 is a proof that
-                the arm stays.
+            into: To be filled: "poses" (N, b, 4, 4) of bodies; "loads" (N, s, 6) on all that a twist at a site moves,
+                its axes; "distance" (N,), below 1 a proof that the arm stays; or motions of the tip: "laws" and
+                "per_load" (N, 6, n, 6) by a flexure's twist and the load on it, "joints" (N, 6, d), "at_sites" (N, 6,
+                s, 6) by twists there, "motions" (N, b, 6, 6) by wrenches at the origins of bodies.
             sites, bodies: (2, f) places and (f, 12) numbers of frames; see `Frames`. Twists are inserted at the first,
                 and what these carry has loads; wrenches act on the second, which have poses.
             end: (16,) the frame that is meant by the tip, as the last row of `Tree.elements` has it.
@@ -189,8 +190,7 @@ class Engine(Tables):
         tree, (q, flexed, twists, forces, idle) = self.tree, rests
         rows, n, m, f, b = len(q), len(tree.flexures), len(tree.rows), len(sites[1]), len(bodies[1])
         s = f + behind
-        shapes = {"laws": (6, n, 6), "per_load": (6, n, 6), "joints": (6, tree.driven), "at_sites": (6, s, 6)}
-        shapes |= {"loads": (s, 6), "motions": (b, 6, 6), "poses": (b, 4, 4), "distance": ()}
+        shapes = tree.answers(s, b)
         self._check_rows(q)
         given = {"flexed": (flexed, (tree.passive,)), "twists": (twists, (n, 6))}
         given |= {"forces": (forces, (m,)), "idle": (idle, (m, m))}
