@@ -22,6 +22,7 @@ from armflex.laws import Row
 from armflex.laws.effects.in_arm import beyond_seen
 from armflex.laws.row import MASS
 from armflex.mechanics.certificate import NEAR
+from armflex.mechanics.engine.tables import Frames
 from armflex.mechanics.equilibrium import Equilibrium, find_equilibrium, load_factor
 from armflex.mechanics.loaded import SAG_BAND, LoadedArm, Names, Payload, Structure
 from armflex.mechanics.loop_rows import rigid_tips, solver_of
@@ -42,7 +43,6 @@ from armflex.mechanics.many_rows import (
 from armflex.mechanics.mechanism import Linear, Mechanism, Rest
 from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.mechanics.response import respond
-from armflex.mechanics.tree import Frames
 from armflex.parallel import in_order, in_pieces
 from armflex.result import Result
 from armflex.robot.urdf import drive_of

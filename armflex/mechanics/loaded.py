@@ -18,12 +18,13 @@ from armflex.laws import Row
 from armflex.laws.effects.effect import Manipulator
 from armflex.laws.row import MASS
 from armflex.mechanics.certificate import StabilityBound, bound_stability
+from armflex.mechanics.engine.tables import Frames, Tree
 from armflex.mechanics.laws import LawStack
 from armflex.mechanics.mechanism import Mechanism
 from armflex.mechanics.pinocchio_model import FlexModel, Load, build_model, carrying
 from armflex.mechanics.spring import Spring
 from armflex.mechanics.ties import Ties
-from armflex.mechanics.tree import Frames, Tree, frames_of, link_frame, tree_of
+from armflex.mechanics.tree import frames_of, link_frame, tree_of
 from armflex.robot import Corrections, Robot, Site
 from armflex.robot.robot import MILLIMETRES
 from armflex.rows.wrench import Wrench

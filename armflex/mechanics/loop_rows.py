@@ -18,7 +18,7 @@ from armflex.conventions import Array
 from armflex.errors import ClosureError
 from armflex.laws import Row
 from armflex.mechanics.engine.binding import Engine, OneRest
-from armflex.mechanics.engine.tables import GEAR, NO_CHANGES, ROD, SLIDES, TURNS, Laws, Tree
+from armflex.mechanics.engine.tables import GEAR, NO_CHANGES, ROD, SLIDES, TURNS, Tree
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.many_rows import NOT_PUSHED, Pushes, Solution, displaced_from, tips_of
@@ -60,7 +60,6 @@ class LoopSolver:
         self._loaded, self._mechanics, self.pushes = loaded, loaded.mechanics, Pushes(loaded, wrenches)
         self._laws, self._differs = RowLaws(stack), stack.rows_differ
         self._tree, self._nominal, self._idle = loaded.tree, loaded.nominal, np.zeros((len(loaded.tree.rows),) * 2)
-        self._same: Laws | None = None
         self._plain: bool | None = None
         self._engine, self._rigid = Engine(self._tree), self._nominal and Engine(self._nominal)
         self._single = Solution.empty(self._tree, 1)
@@ -93,9 +92,7 @@ class LoopSolver:
             laws.know(row)
         plain = not (laws.curved or laws.bent or pushes.posed)
         loads = pushes.wrenches(q) if plain else NOT_PUSHED[1]
-        numbers = laws.numbers if self._differs or self._same is None else self._same
-        self._same = numbers
-        return (numbers, pushes.links, loads, q), plain
+        return (laws.numbers, pushes.links, loads, q), plain
 
     def _ask(self, engine: Engine, known: tuple, settled: bool, first: int, free: Array, into: Rested) -> int:
         laws, links, wrenches, q = known

@@ -23,12 +23,11 @@ from armflex.laws import Row
 from armflex.laws.row import MASS
 from armflex.mechanics.certificate import SHARE, StabilityBound
 from armflex.mechanics.engine.binding import NO_LINKS, NO_WRENCHES, Engine, OneRow
-from armflex.mechanics.engine.tables import NO_CHANGES, Laws, Tree
+from armflex.mechanics.engine.tables import NO_CHANGES, Frames, Laws, State, Tree
 from armflex.mechanics.laws import LawStack, RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
 from armflex.mechanics.mechanism import Rest
 from armflex.mechanics.pinocchio_model import build_model
-from armflex.mechanics.tree import Frames
 from armflex.parallel import in_pieces
 from armflex.rows.wrench import Wrench, check_rows, same_objects
 
@@ -42,15 +41,11 @@ SETTLED = 3e-14
 """Change between two rounds: of all flexures' twists [m, rad], and of a wrench by its size."""
 
 UNMOVED = np.eye(4)
-NO_FRAMES = Frames((), np.zeros((2, 0), dtype=np.int64), np.zeros((0, 12)))
 
 Pushed = tuple[np.ndarray, Array, Array]
 """Links, (1 or N, L, 9) wrenches and (0 or N, L, 6, 6) changes of them; see `Pushes`."""
 
 NOT_PUSHED: Pushed = (NO_LINKS, NO_WRENCHES, NO_CHANGES)
-
-State = tuple[Array, Array, Array]
-"""(N, p) passive joints, (N, m) forces in closures and (N, m, m) what nothing answers to."""
 
 
 class Solution(NamedTuple):
@@ -192,42 +187,23 @@ def responded(
     what: Collection[str],
     q: Array,
     twists: Array,
-    *,
-    sites: Frames = NO_FRAMES,
-    bodies: Frames = NO_FRAMES,
     laws: Laws | None = None,
     pushed: Pushed = NOT_PUSHED,
-    state: State | None = None,
-    end: Frames | None = None,
-    behind: int = 0,
-    into: Mapping[str, Array] | None = None,
+    **where: Any,
 ) -> dict[str, Array]:
-    """Return what is asked about an arm that is flexed in N rows, all of it in one pass; see `Engine.respond`.
+    """Return what is asked about an arm that is flexed in N rows, all of it in one pass.
 
     Args:
         tree: The arm.
-        what: Names of what is filled there.
-        q, twists: (N, nq) and (N, n, 6) of joints and flexures.
-        sites, bodies: Frames of the arm.
+        what, q, twists, where: As of `Engine.respond`.
         laws: Of its flexures; none are needed for poses and loads.
         pushed: What pulls at its links.
-        state: (N, p) passive joints, (N, m) forces in closures and (N, m, m) what nothing answers to; None of a chain.
-        end: The one frame that is meant by the tip, where it is another.
-        behind: How many closures and pins there are behind the sites in s.
-        into: Arrays to be filled, by name; what is not there is made.
     """
-    count, given, at = len(q), into or {}, tree.elements[-1, :16]
-    shapes = tree.answers(len(sites.numbers) + behind, len(bodies.numbers))
-    found = {name: given[name] if name in given else np.empty((count, *shapes[name])) for name in what}
-    if end is not None:
-        at = np.concatenate([end.numbers[0], np.zeros(3), end.places[0, :1]])
-    loose, forces, idle = state or (np.zeros((count, 0)), np.zeros((count, 0)), np.zeros((count, 0, 0)))
-    rests = np.ascontiguousarray(q), loose, np.ascontiguousarray(twists), forces, idle
     engine = Engine.of(tree)
-    engine.set_loads(*pushed, count)
+    engine.set_loads(*pushed, len(q))
     if laws is not None:
-        engine.set_laws(laws, count)
-    engine.respond(found, (sites.places, sites.numbers), (bodies.places, bodies.numbers), at, rests, behind)
+        engine.set_laws(laws, len(q))
+    found = engine.respond(what, q, twists, **where)
     engine.forget()
     return found
 

@@ -34,6 +34,10 @@ REAL = np.dtype(np.float64)
 NO_CHANGES = np.zeros((0, 0, 6, 6))
 
 
+State = tuple[Array, Array, Array]
+"""(N, p) passive joints, (N, m) forces in closures and (N, m, m) what nothing answers to."""
+
+
 class ArmArraysError(InputError):
     """Arrays that describe no arm; C never sees them."""
 
@@ -119,6 +123,29 @@ def _climbing(starts: np.ndarray, name: str, last: int) -> None:
     """Raise where places do not climb from 0 to `last`."""
     if starts[0] != 0 or starts[-1] != last or (np.diff(starts) < 0).any():
         raise ArmArraysError(f"{name}: expected places that climb from 0 to {last}, got {starts.tolist()}")
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """Frames that are fixed to elements of an arm.
+
+    Attributes:
+        names: Of the frames.
+        places: (2, f) the element that each is fixed to, and the first that moves where a twist is inserted at it.
+        numbers: (f, 12) rotation (9) row by row and origin (3) [m] in its element.
+    """
+
+    names: tuple[str, ...]
+    places: np.ndarray
+    numbers: Array
+
+    def some(self, index: Sequence[int]) -> Frames:
+        """Return some of the frames."""
+        places = np.ascontiguousarray(self.places[:, index])  # the engine is compiled for one order
+        return Frames(tuple(self.names[i] for i in index), places, self.numbers[index])
+
+
+NO_FRAMES = Frames((), np.zeros((2, 0), dtype=WHOLE), np.zeros((0, 12)))
 
 
 @dataclass(frozen=True, eq=False)
