@@ -281,11 +281,11 @@ class RowSolver:
         limits: (2, nq) positions between which the bound holds.
     """
 
-    def __init__(self, loaded: LoadedArm, wrenches: Sequence[Wrench] = ()) -> None:
+    def __init__(self, loaded: LoadedArm, wrenches: Sequence[Wrench] = (), before: Pushes | None = None) -> None:
         if loaded.tied:
             raise UnsupportedError("the fixed point knows no springs and no loops: see `loop_rows`")
         self._loaded, self._chain, self._nominal = loaded, loaded.tree, loaded.nominal
-        self.pushes, self._wrenches = Pushes(loaded, wrenches), wrenches
+        self.pushes, self._wrenches = Pushes(loaded, wrenches, before), wrenches
         self.limits = np.array(loaded.arm.bounds)
 
     def rest(self, row: Row, into: Solution) -> np.ndarray:
@@ -387,8 +387,7 @@ class OneChain:
 
     def __init__(self, loaded: LoadedArm) -> None:
         arm, self._loaded, self._wrenches = loaded.arm, loaded, ()
-        self._laws, self._pushes, columns = RowLaws(arm.stack), Pushes(loaded), len(arm.joint_names)
-        self._solver: RowSolver | None = None
+        self._laws, self._rows, columns = RowLaws(arm.stack), RowSolver(loaded), len(arm.joint_names)
         places = {f"q_{name}": place for name, place in arm.joint_index.items()}
         factors = arm.stack.factors(places | {MASS: columns})
         self.names, self._known = (), np.array([loaded.payload.mass])
@@ -402,41 +401,35 @@ class OneChain:
     def under(self, wrenches: tuple[Wrench, ...]) -> OneChain:
         """Return it under loads from outside."""
         if not same_objects(self._wrenches, wrenches):
-            self._wrenches, self._solver = wrenches, None
-            self._pushes = Pushes(self._loaded, wrenches, before=self._pushes)
+            self._wrenches, self._rows = wrenches, RowSolver(self._loaded, wrenches, self._rows.pushes)
             self._push()
         return self
 
     def _push(self) -> None:
-        bound = self._loaded.stability_bound
-        self._bound = bound and bound.under(self._wrenches)
-        self._settled, self._proven = not self._pushes.posed, bool(self._bound and self._bound.proven)
-        certain = self._settled and self._proven and not self._moved
-        self.quick = self._solve.quick if certain and self._solve is not None else None
-        if self._settled and self._solve is not None:
-            self._solve.set_loads(self._pushes.links, self._pushes.same)
-
-    @property
-    def _rows(self) -> RowSolver:
-        if self._solver is None:
-            self._solver = RowSolver(self._loaded, self._wrenches)
-        return self._solver
+        pushes = self._rows.pushes
+        self._one = None if pushes.posed else self._solve
+        self.quick = self._one.quick if self._one and self._by_bound(None) and not self._moved else None
+        if self._one is not None:
+            self._one.set_loads(pushes.links, pushes.same)
 
     def __call__(self, q: Array, covariates: Mapping[str, Array], motion: Array | None = None) -> Rest | None:
         """Return where it rests at (nq,) positions; None beyond its limits, and where the fixed point is none.
 
         `motion` is (2, nq) speeds and accelerations, None where it stands.
         """
-        if self._solve is None or not self._settled:
+        if self._one is None:
             return self._in_rounds(q, covariates, motion)
-        found = self._solve(q, motion) if self.knows(covariates) else None
+        found = self._one(q, motion) if self.knows(covariates) else None
         if found is None:
             return None
         displacement, twists, loads = found
-        if motion is not None:
-            proven = bool(self._bound and self._bound.proven_while(motion))
-        else:
-            proven = self._proven or self._stays(q, covariates, twists, loads)
+        proven = self._by_bound(motion)
+        if motion is None and not proven:
+            row, rest = self._loaded.row(q[None], covariates), Solution.empty(self._loaded.tree, 1)
+            rest.twists[0], rest.loads[0] = twists, loads
+            if self._loaded.arm.stack.rows_differ:
+                self._laws.know(row)
+            proven = bool(self._rows.proven(row, self._laws, rest, self._rows.bound, np.ones(1, dtype=bool))[0])
         if self._moved:
             self._moved(q, displacement)
         return Rest(displacement, twists, loads, proven)
@@ -449,25 +442,18 @@ class OneChain:
             self._known[place] = covariates[name]
         return True
 
-    def _stays(self, q: Array, covariates: Mapping[str, Array], twists: Array, loads: Array) -> bool:
-        row, found = self._loaded.row(q[None], covariates), Solution.empty(self._loaded.tree, 1)
-        found.twists[0], found.loads[0] = twists, loads
-        if self._loaded.arm.stack.rows_differ:
-            self._laws.know(row)
-        return bool(self._rows.proven(row, self._laws, found, self._rows.bound, np.ones(1, dtype=bool))[0])
+    def _by_bound(self, motion: Array | None) -> bool:
+        return bool(self._rows.bound and self._rows.bound.proven_while(motion))
 
     @np.errstate(over="ignore", invalid="ignore")
     def _in_rounds(self, q: Array, covariates: Mapping[str, Array], motion: Array | None) -> Rest | None:
-        row, arm = self._loaded.row(q[None], covariates), self._loaded.arm
+        row, arm, rows = self._loaded.row(q[None], covariates), self._loaded.arm, self._rows
         laws, found = RowLaws(arm.stack, row), Solution.empty(self._loaded.tree, 1)
-        fine = self._rows.solve(row, laws, found, None if motion is None else motion[None])
+        fine = rows.solve(row, laws, found, None if motion is None else motion[None])
         if not (fine[0] and arm.within_limits(q.tolist())):
             return None
-        if motion is not None:
-            proven = bool(self._bound and self._bound.proven_while(motion))
-        else:
-            proven = bool(self._rows.proven(row, laws, found, self._rows.bound, fine)[0])
-        return found.row(0)._replace(proven=proven)
+        stays = self._by_bound(motion) or (motion is None and rows.proven(row, laws, found, rows.bound, fine)[0])
+        return found.row(0)._replace(proven=bool(stays))
 
 
 def _from_nominal(loaded: LoadedArm) -> Callable[[Array, Array], None]:
