@@ -506,7 +506,8 @@ class DeflectionBatch(_Result[Array]):
         twists: (N, n_flexures, 6) local deflections [m, rad].
         found_wrenches: (N, n_flexures, 6) `wrenches` [N, Nm] where they were found with the twists, else of no rows.
         found_factors: (N,) `load_factor` where it is less than `NEAR`; infinite elsewhere.
-        closed, flexed, forces: (N, p), (N, p) and (N, m), see `Rest`.
+        closed, flexed: (N, p) positions of joints without a drive, nothing giving, and at rest [rad or m].
+        forces: (N, m) in what closes [N, Nm].
     """
 
     arm: Structure
