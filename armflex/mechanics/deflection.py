@@ -537,8 +537,9 @@ class DeflectionBatch(_Result[Array]):
         checked, flags = self.arm.check_position(case.q, enforce_limits=False)
         at = self.displacement[i].copy(), self.twists[i], self.wrenches[i]
         rest = Rest(*at, True, self.closed[i], self.flexed[i], self.forces[i])
-        found = Equilibrium(loaded, case._replace(q=checked), rest, self.asked.method)
-        return Deflection(found, (*self._flags_of(loaded), *flags, *near_buckling(float(self.found_factors[i]))))
+        factor, case = float(self.found_factors[i]), case._replace(q=checked)
+        found = Equilibrium(loaded, case, rest, self.asked.method, load_factor=factor)
+        return Deflection(found, (*self._flags_of(loaded), *flags, *near_buckling(factor)))
 
     @property
     def load_factor(self) -> Array:
