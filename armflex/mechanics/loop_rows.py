@@ -63,7 +63,8 @@ class LoopSolver:
         self._plain: bool | None = None
         self._engine, self._rigid = Engine(self._tree), self._nominal and Engine(self._nominal)
         self._single = Solution.empty(self._tree, 1)
-        self._one = OneRest(self._tree, Rested.empty(self._tree, 1, self._single))
+        self._room = Rested.empty(self._tree, 1, self._single)
+        self._one = OneRest(self._tree, self._room)
 
     def __call__(self, q: Array, covariates: Mapping[str, Array], motion: Array | None = None) -> Rest | None:
         """Return where it rests at (nq,) positions; None beyond its limits, and where the engine does not answer."""
@@ -130,7 +131,7 @@ class LoopSolver:
             room = Rested.empty(self._nominal, len(q))
             assert self._rigid is not None
             nominal = self._follow(self._rigid, self._mechanics.nominal, known, False, True, nominally, room)
-        found = Rested.empty(self._tree, len(q), into)
+        found = self._room if into is self._single else Rested.empty(self._tree, len(q), into)
         self._follow(self._engine, self._mechanics.closing, known, True, plain, by_itself, found)
         if nominal is not None:
             found.fine[:] &= nominal.fine
@@ -172,6 +173,7 @@ class LoopSolver:
     ) -> Rested:
         """Go through the rows, each from where the one before it closed; `ask` about those that are not answered."""
         q, at, asked = known[3], 0, -1
+        into.fine[:] = False
         while at < len(q):
             done = at
             if closing.last is None:

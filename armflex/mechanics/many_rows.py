@@ -77,8 +77,9 @@ class Solution(NamedTuple):
 
     def row(self, i: int) -> Rest:
         """Return a copy of one of the rows."""
-        displacement, loads, twists, _, *rest = (part[i].copy() for part in self)
-        return Rest(displacement, twists, loads, True, *rest)
+        displacement, loads, twists, _, closed, flexed, forces = self
+        here = displacement[i].copy(), twists[i].copy(), loads[i].copy()  # one by one: a control loop waits for it
+        return Rest(*here, True, closed[i].copy(), flexed[i].copy(), forces[i].copy())
 
     def put(self, i: int, rest: Rest) -> None:
         """Fill one of the rows."""
