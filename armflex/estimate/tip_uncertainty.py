@@ -66,9 +66,8 @@ def flagged_covariance(
         case_arguments = (case.covariates, laws, case.wrenches, relative)
         covariance, flags = tip_covariance(certain, deflection.q, payloads, *case_arguments)
     else:
-        by_laws = replace(
-            deflection, solved=deflection.solved._replace(loaded=certain.loaded(deflection.payload))
-        ).covariance
+        solved = replace(deflection.solved, loaded=certain.loaded(deflection.payload))
+        by_laws = replace(deflection, solved=solved).covariance
         laws, payloads = None if by_laws is None else by_laws[None], [_known_as(certain, deflection.payload)]
         case_arguments = (case.covariates, laws, case.wrenches, relative)
         covariance, flags = tip_covariance(certain, deflection.q[None], payloads, *case_arguments)

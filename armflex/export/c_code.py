@@ -8,7 +8,6 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from armflex.laws.effects.umbilical import hook_of
 from armflex.laws.row import MASS
 from armflex.laws.terms import Neurons, Of, Term
 from armflex.mechanics.engine import build
-from armflex.mechanics.engine.binding import NO_LINKS, NO_WRENCHES, Engine
+from armflex.mechanics.engine.binding import Engine
 from armflex.mechanics.engine.tables import NO_CHANGES, Factors, Laws, Tables, Tree
 from armflex.mechanics.laws import LawStack
 from armflex.mechanics.tree import link_frame
@@ -44,32 +43,6 @@ TRIED = 16
 """Configurations over which what cannot be said in C is measured."""
 
 
-class _Parts(NamedTuple):
-    """What is of one kind of arm alone.
-
-    Attributes:
-        mechanics: Name of the C beside this file.
-        counts: How many of each there are, and what they are.
-        constants: What its calls read beside the tables of the arm.
-        described: The arm with each payload.
-        nominal: The rigid arm where it is another to the controller.
-        factors: What changes with columns.
-        stack: Bytes that the calls take.
-        bounds: Lines that say how long they take.
-        notes: About the payloads.
-    """
-
-    mechanics: str
-    counts: dict[str, tuple[int, str]]
-    constants: list[str]
-    described: list[Tables]
-    nominal: Tree | None
-    factors: Factors
-    stack: dict[str, int]
-    bounds: tuple[str, ...]
-    notes: list[str]
-
-
 def export(arm: Arm, name: str = "arm") -> Exported:
     """Return the arm as C; see FORMATS for what it declares.
 
@@ -83,22 +56,58 @@ def export(arm: Arm, name: str = "arm") -> Exported:
         PayloadError: A payload's centre of mass is beyond the arm's reach.
     """
     check_name(name)
-    tied = arm.loaded(None).tied
+    tied, linkage = arm.loaded(None).tied, arm.robot.linkage
     if not (tied or arm.modelled):  # C has no arrays without length: a rigid arm has a flexure that does not give
         arm = replace(arm, flexures=(Flexure("rigid", arm.joint_names[0], _stiff),))
     payloads = ("none", *(one for one in arm.payloads if one != "none"))
-    for one in payloads:
-        _ = arm.loaded(one).flags  # raises where a payload is impossible
-    parts = (_loops if tied else _chain)(arm, payloads, name)
-    factors, linkage = parts.factors, arm.robot.linkage
+    loaded = [arm.loaded(one) for one in payloads]
+    for one in loaded:
+        _ = one.flags  # raises where a payload is impossible
+    laws, factors, windowed, windows = _laws(arm)
+    pulls = [row for pulling in arm.pulls for row in _pull(arm, pulling)]
+    if tied:
+        _refuse_curved(arm, laws)
+    described = [_described(one.tree, laws, factors, pulls, windowed, windows) for one in loaded]
+    tree, nominal, nq = loaded[0].tree, loaded[0].nominal, len(arm.joint_names)
+    n, p, m, known = len(tree.flexures), tree.passive, len(tree.rows), len(factors.names)
+    bounds = [one.stability_bound for one in loaded]
+    proven = [bound is not None and bound.proven for bound in bounds]
+    unproven = [] if tied else [one for one, sure in zip(payloads, proven, strict=True) if not sure]
+    state = 1 + tree.driven + p if p else 0
+    if tied:
+        room = _room(tree, laws.compliance[0], factors.varies) + 1
+        stack = 8 * (room + 58 * n + 3 * p + 2 * m * m + m + tree.driven + known + 86) + BESIDE["loops"]
+        compensate = stack + 8 * (30 * tree.driven + 60)
+    else:
+        room = 91 * n + len(laws.bent) + len(factors.factor) + 9 * len(pulls) + 2
+        stack = 8 * (room + nq + known + 12 * n + 120) + BESIDE["chain"]
+        stack += 8 * (36 * n * n + 450 * n + 120) if unproven else 0
+        compensate = stack + 8 * ((6 * nq + 12) * n + 20 * nq + 60)
     counts = {
-        "JOINTS": (len(arm.joint_names), "drives, cylinders among them"),
+        "JOINTS": (nq, "drives, cylinders among them"),
         "PAYLOADS": (len(payloads), "payloads"),
-        "COVARIATES": (len(factors.names), "covariates"),
+        "COVARIATES": (known, "covariates"),
         "FACTORS": (len(factors.factor), "functions of a column, the first is 1"),
-        **parts.counts,
+        "PASSIVE": (p, "joints without a drive"),
+        "FLEXURES": (n, "flexures"),
+        "ROWS": (m, "rows that ties close"),
+        "STATE": (state, "numbers that are carried from call to call"),
+        "ROOM": (room, "numbers that are worked with"),
     }
-    state = counts["STATE"][0]
+    if tied:
+        closing = loaded[0].mechanics.true
+        start, home, settled = closing.beginning() if linkage else (np.zeros(0), arm.robot.home.copy(), np.zeros(0))
+        straight = not linkage or settled is None or closing.given
+        counts |= {"HOME": (int(settled is not None), "whether the loops close at home")}
+        counts |= {"STRAIGHT": (int(straight), "whether q0 is given")}
+        constants = [
+            c_real("home", "drives at home [rad or m]", home),
+            c_real("home_passive", "joints without a drive there", start if settled is None else settled),
+            c_real("start_passive", "their q0", start),
+        ]
+    else:
+        what = "whether a payload's weight is proven to be unable to make the arm buckle"
+        constants = [c_whole("proven", what, np.array(proven))]
     tables = [
         "enum {\n" + "\n".join(f"    {key} = {value}, /* {what} */" for key, (value, what) in counts.items()) + "\n};",
         f"const int {name}_nq = JOINTS;",
@@ -107,34 +116,36 @@ def export(arm: Arm, name: str = "arm") -> Exported:
         c_names(f"{name}_passive", linkage.free if linkage else ()),
         c_names(f"{name}_payloads", payloads),
         c_names(f"{name}_covariate_names", factors.names),
-        f"double {name}_covariates[{max(1, len(factors.names))}] = "
-        f"{{{', '.join(['NAN'] * len(factors.names)) or '0.0'}}};",
+        f"double {name}_covariates[{max(1, known)}] = {{{', '.join(['NAN'] * known) or '0.0'}}};",
         c_limits(arm, "drive"),
         c_real("masses", "of the payloads [kg]", np.array([arm.payload(one).mass for one in payloads])),
-        *parts.constants,
-        *c_arms("arms", parts.described),
-        *(c_arms("nominal", [Tables(parts.nominal)]) if parts.nominal else ()),
+        *constants,
+        *c_arms("arms", described),
+        *(c_arms("nominal", [Tables(nominal)]) if nominal else ()),
     ]
-    beside = f"Stack: {name}_tip and {name}_follow take up to {parts.stack['tip']} bytes, "
-    bounds = *parts.bounds, f"{beside}{name}_compensate up to {parts.stack['compensate']}."
+    beside = f"Stack: {name}_tip and {name}_follow take up to {stack} bytes, {name}_compensate up to {compensate}."
+    lines = [line.replace("NAME", name) for line in BOUNDS["loops" if tied else "chain"]] + [beside]
+    lines[-1:-1] = NEWTON if unproven else ()
     functions = f"{name}_tip, {name}_follow and {name}_compensate"
-    threads = ", each with a state of its own" if state else ""
-    texts = ("controller", parts.mechanics)  # renamed before the arm's names come in, which may be anything
+    own = ("LOOPS",) if tied else ("CHAIN",) if unproven else ("CHAIN", "PROVEN")
+    texts = ("controller", "loops" if tied else "chain")  # renamed before the arm's names come in, which may be any
     text, mechanics = (
         re.sub(r"\bNAME_(?=[a-z])", f"{name}_", (HERE / f"{stem}.c").read_text(encoding="utf-8")) for stem in texts
     )
     for mark, part in (
-        ("/*@mechanics*/", mechanics),
-        ("/*@head*/", c_head(arm, functions, threads, bounds)),
-        ("/*@engine*/\n", _engine("LOOPS" if tied else "CHAIN")),
+        ("/*@mechanics*/", _without(mechanics, own)),
+        ("/*@head*/", c_head(arm, functions, ", each with a state of its own" if state else "", lines)),
+        ("/*@engine*/\n", _engine(own)),
         ("/*@constants*/", "\n".join(tables)),
-        ("/*@nominal*/\n", "    m.table = nominal[0];\n" if parts.nominal else ""),
+        ("/*@nominal*/\n", "    m.table = nominal[0];\n" if nominal else ""),
     ):
         text = text.replace(mark, part)
     notes = [f"{arm.robot.urdf.name} as C, payloads {', '.join(payloads)}"]
     notes += [f"{name}_follow carries {state} numbers from call to call"] if state else []
-    notes += [f"set {name}_covariates before you ask: {', '.join(factors.names)}"] if factors.names else []
-    notes += parts.notes
+    notes += [f"set {name}_covariates before you ask: {', '.join(factors.names)}"] if known else []
+    notes += [
+        f"payload {one!r}: no bound proves that the arm cannot buckle; every answer is probed" for one in unproven
+    ]
     outside = [effect.name for effect in arm.effects if effect.law.act in (Act.FRAME, Act.SCALE, Act.SIGHT)]
     notes += [f"of the instrument, and so not in it: {', '.join(outside)}"] if outside else []
     notes += said_points(measured_points(arm), carried=False)
@@ -143,132 +154,62 @@ def export(arm: Arm, name: str = "arm") -> Exported:
         "joint_names": list(arm.joint_names),
         "payloads": list(payloads),
         "covariates": list(factors.names),
-        "stack_bytes": parts.stack,
+        "stack_bytes": {"tip": stack, "follow": stack, "compensate": compensate},
     }
     return Exported(text, tuple(notes), said, about_time(arm, (TIME, HOLD)))
 
 
-# Loops, springs and cylinders.
+BOUNDS = {
+    "loops": (
+        "Every loop is bounded: NAME_follow closes the loops MOST_PARTS MOST times and weighs the arm STEPS times",
+        "at most, some 3 and 5 times usually; NAME_compensate MOST_JUMPS + 1 times as often, some 4 times usually.",
+    ),
+    "chain": (
+        "Every loop is bounded: NAME_tip weighs the arm MOST_STEPS + PROBES times at most, and NAME_compensate",
+        "(MOST_JUMPS + 1) (JOINTS + 1) MOST_STEPS + PROBES times; some 5 and some 100 times are usual.",
+    ),
+}
+"""How long calls take, for the head of the file."""
 
-
-def _loops(arm: Arm, payloads: tuple[str, ...], name: str) -> _Parts:
-    """Return what C has of an arm with loops or springs."""
-    loaded = [arm.loaded(one) for one in payloads]
-    factors = _factors(arm)
-    true, nominal, numbers = loaded[0].tree, loaded[0].nominal, arm.stack.numbers
-    first, given = loaded[0].mechanics.true, not arm.robot.linkage
-    start, home, settled = (np.zeros(0), arm.robot.home.copy(), np.zeros(0)) if given else first.beginning()
-    room = _room(true, numbers.compliance[0], factors.varies) + 1
-    p, m, n = true.passive, len(true.rows), len(true.flexures)
-    counts = {
-        "PASSIVE": (p, "joints without a drive"),
-        "FLEXURES": (n, "flexures"),
-        "ROWS": (m, "rows that ties close"),
-        "HOME": (int(settled is not None), "whether the loops close at home"),
-        "STRAIGHT": (int(given or settled is None or first.given), "whether q0 is given"),
-        "STATE": (1 + true.driven + p if p else 0, "numbers that are carried from call to call"),
-        "ROOM": (room, "numbers that are worked with"),
-    }
-    constants = [
-        c_real("home", "drives at home [rad or m]", home),
-        c_real("home_passive", "joints without a drive there", start if settled is None else settled),
-        c_real("start_passive", "their q0", start),
-    ]
-    described = [_described(one.tree, numbers, factors) for one in loaded]
-    stack = 8 * (room + 58 * n + 3 * p + 2 * m * m + m + true.driven + len(factors.names) + 70) + BESIDE["loops"]
-    bounds = (
-        f"Every loop is bounded: {name}_follow closes the loops MOST_PARTS MOST times and weighs the arm STEPS times",
-        f"at most, some 3 and 5 times usually; {name}_compensate MOST_JUMPS + 1 times as often, some 4 times usually.",
-    )
-    taken = {"tip": stack, "follow": stack, "compensate": stack + 8 * (30 * true.driven + 60)}
-    return _Parts("loops", counts, constants, described, nominal, factors, taken, bounds, [])
+NEWTON = (
+    "Where no bound proves that the arm cannot buckle, Newton's method may take the place of MOST_STEPS:",
+    "it weighs MOST_NEWTON (6 FLEXURES + MOST_HALVINGS + 2) times at most, 4 (6 FLEXURES + 3) usually.",
+)
 
 
 def _described(
-    tree: Tree, laws: Laws, factors: Factors, links: np.ndarray = NO_LINKS, wrenches: Array = NO_WRENCHES
+    tree: Tree,
+    laws: Laws,
+    factors: Factors,
+    pulls: Sequence[tuple[list[int], Array, Array]],
+    windowed: np.ndarray,
+    windows: Array,
 ) -> Tables:
     """Return an arm as the engine is given it."""
     tables = Tables(tree)
     tables.set_laws(laws, 1)
-    tables.set_loads(links, wrenches, NO_CHANGES, 1)
+    links, wrenches, pulling = (np.array([one[part] for one in pulls]) for part in range(3))
+    tables.set_loads(links.astype(np.int64).reshape(-1, 3), wrenches.reshape(1, -1, 9), NO_CHANGES, 1)
     tables.set_factors(factors, np.zeros(1 + len(factors.names)))
+    tables.set_pulls(pulling.reshape(-1, 6))
+    tables.set_windows(windowed, windows.reshape(-1, 79))
     return tables
 
 
-def _factors(arm: Arm) -> Factors:
-    """Return what changes with columns; refuse laws and loads that C with loops does not know, all at once."""
-    refused = [f"the law of flexure {arm.flexure_names[i]!r} is curved in the load" for i, _, _ in arm.stack.bent]
-    refused += [
-        f"the law of flexure {arm.flexure_names[i]!r} is curved in the load, or no sum of terms"
-        for i, law in arm.stack.asked
-        if law.known_terms is None
-    ]
-    curved = np.diff(arm.stack.numbers.starts) > 0
-    refused += [f"flexure {arm.flexure_names[i]!r} has a network" for i in np.flatnonzero(curved)]
+def _refuse_curved(arm: Arm, laws: Laws) -> None:
+    """Refuse laws and loads that C with loops does not know, all at once."""
+    curved = np.flatnonzero((np.diff(laws.starts) > 0) | (np.diff(laws.spans) > 0))
+    refused = [f"the law of flexure {arm.flexure_names[i]!r} is curved in the load" for i in curved]
     refused += [f"{one.law.name} pulls at {one.frame!r}" for one in arm.pulls]
-    columns = {f"q_{joint}": place for joint, place in arm.joint_index.items()}
-    found = arm.stack.factors(columns | {MASS: len(columns)})
-    if refused or found is None:
-        reasons = "; ".join(dict.fromkeys(refused))
-        raise UnsupportedError(
-            f"this arm cannot be written as C: with loops or springs it knows no such thing ({reasons})"
-        )
-    return found
+    if refused:
+        text = "this arm cannot be written as C: with loops or springs it knows no such thing"
+        raise UnsupportedError(f"{text} ({'; '.join(refused)})")
 
 
 def _room(tree: Tree, compliance: Array, varies: np.ndarray) -> int:
     """Return how many numbers the engine works with; laws that change may have any coordinates."""
-    ranks = [
-        6 if changes else int(np.count_nonzero(np.abs(one).max(axis=1)))
-        for one, changes in zip(compliance, varies, strict=True)
-    ]
-    return Engine(tree).room(sum(ranks))
-
-
-# Chains.
-
-
-def _chain(arm: Arm, payloads: tuple[str, ...], name: str) -> _Parts:
-    """Return what C has of a chain."""
-    bounds = [arm.loaded(one).stability_bound for one in payloads]
-    proven = [bound is not None and bound.proven for bound in bounds]
-    unproven = [one for one, sure in zip(payloads, proven, strict=True) if not sure]
-    laws, factors, windowed, windows = _laws(arm)
-    pulls = [row for pulling in arm.pulls for row in _pull(arm, pulling)]
-    n, nq, terms = len(arm.flexure_names), len(arm.joint_names), len(laws.bent)
-    room = 91 * n + terms + len(factors.factor) + 9 * len(pulls) + 2
-    counts = {
-        "FLEXURES": (n, "flexures"),
-        "STATE": (0, "numbers that are carried from call to call"),
-        "ROOM": (room, "numbers that are worked with"),
-    }
-    links = np.array([one[0] for one in pulls], dtype=np.int64).reshape(-1, 3)
-    wrenches, pulling = np.array([one[1] for one in pulls]), np.array([one[2] for one in pulls])
-    described = []
-    for payload in payloads:
-        tables = _described(arm.loaded(payload).tree, laws, factors, links, wrenches.reshape(1, -1, 9))
-        tables.set_pulls(pulling.reshape(-1, 6))
-        tables.set_windows(windowed, windows.reshape(-1, 79))
-        described.append(tables)
-    constants = [
-        f"#define UNPROVEN {len(unproven)} /* payloads with which no bound proves that the arm cannot buckle */",
-        c_whole("proven", "whether a payload's weight is proven to be unable to make the arm buckle", np.array(proven)),
-    ]
-    tip = 8 * (room + nq + len(factors.names) + 12 * n + 120) + BESIDE["chain"]
-    tip += 8 * (36 * n * n + 400 * n + 120) if unproven else 0
-    taken = {"tip": tip, "follow": tip, "compensate": tip + 8 * ((6 * nq + 12) * n + 20 * nq + 60)}
-    newton = (
-        "Where no bound proves that the arm cannot buckle, Newton's method may take the place of MOST_STEPS:",
-        "it weighs MOST_NEWTON (6 FLEXURES + MOST_HALVINGS + 2) times at most, 4 (6 FLEXURES + 3) usually.",
-    )
-    said = (
-        f"Every loop is bounded: {name}_tip weighs the arm MOST_STEPS + PROBES times at most, and {name}_compensate",
-        "(MOST_JUMPS + 1) (JOINTS + 1) MOST_STEPS + PROBES times; some 5 and some 100 times are usual.",
-        *(newton if unproven else ()),
-    )
-    notes = [f"payload {one!r}: no bound proves that the arm cannot buckle; every answer is probed" for one in unproven]
-    nominal = arm.loaded(None).nominal
-    return _Parts("chain", counts, constants, described, nominal, factors, taken, said, notes)
+    rank = np.where(varies, 6, np.count_nonzero(np.abs(compliance).max(axis=2), axis=1)).sum()
+    return Engine(tree).room(int(rank))
 
 
 class _InTerms(Law):
@@ -363,7 +304,7 @@ def _amount(arm: Arm, other: Arm) -> str:
 def _pull(arm: Arm, pulling: Pulling) -> list[tuple[list[int], Array, Array]]:
     """Return a load effect as link, wrench and pull for the engine, nothing where it acts on what stands."""
     bare = arm.loaded(None)
-    _, element, _, placement = link_frame(bare.flex.model, bare.flex.frame(pulling.frame))
+    _, element, _, placement = link_frame(bare.with_tool.model, bare.with_tool.frame(pulling.frame))
     flexures = bare.tree.flexures_inboard(element)
     if not flexures:
         return []
@@ -388,14 +329,18 @@ PULLS: dict[str, Callable[[Pulling], Pull]] = {
 # The text.
 
 
-def _engine(own: str) -> str:
+def _engine(own: Sequence[str]) -> str:
     """Return the engine's text without what a package asks of it alone, and what arms of a kind do without."""
     header, text, rest = (
-        (build.FOLDER / one).read_text(encoding="utf-8").replace("\r\n", "\n")
+        _without((build.FOLDER / one).read_text(encoding="utf-8").replace("\r\n", "\n"), ("CONTROLLER", *own))
         for one in ("engine.h", "engine.c", "rest.h")
     )
-    for name in ("CONTROLLER", own):
-        block = re.compile(rf"#if !defined\({name}\)\n.*?#endif /\* {name} \*/\n", flags=re.S)
-        header, text, rest = (block.sub("", part) for part in (header, text, rest))
     text = text.replace('#include "engine.h"\n', "").replace('#include "rest.h"\n', rest)
-    return f"#define {own} 1\n{header}\n{text}"
+    return "".join(f"#define {name} 1\n" for name in own) + f"{header}\n{text}"
+
+
+def _without(text: str, names: Sequence[str]) -> str:
+    """Return C without the parts for those of whom names are not defined."""
+    for name in names:
+        text = re.sub(rf"#if !defined\({name}\)\n.*?#endif /\* {name} \*/\n", "", text, flags=re.S)
+    return text

@@ -1,64 +1,52 @@
-#if UNPROVEN
-#define COORDINATES (6 * FLEXURES)
-#endif
-
 /* How far the iterations go. All squares are sums over the flexures' shifts [m] and turns [rad]. */
 enum { MOST_STEPS = 200, PROBES = 100, FIRST_PROBES = 8 };
 static const double RUNS_AWAY = 1e6;    /* by which a squared step may be longer than the one before */
 static const double LARGEST_TURN = 0.1; /* rad, of a flexure */
 static const double PROBE = 1e-6;       /* rad or m, by which an equilibrium is disturbed */
 static const double DIFFERENCE = 1e-7;  /* rad or m, for derivatives by the joints */
-#if UNPROVEN
+#if !defined(PROVEN)
+enum { COORDINATES = 6 * FLEXURES, SIDE = (COORDINATES + WIDE - 1) / WIDE * WIDE };
 enum { MOST_NEWTON = 50, MOST_HALVINGS = 8, PATIENCE = 3 };
 static const double SLOW = 0.5;        /* of a squared step by the one before it: Newton is quicker */
 static const double BALANCED = 1e-12;  /* rad or m, of an equilibrium's residual */
 static const double TWISTED_BY = 1e-6; /* rad or m, for derivatives by the twists */
 static const double STIFF = 1e-9;      /* part of the softest axis' compliance that a rigid one may have */
 static const double LOADED_BY = 1e-6;  /* part of a load, for derivatives by it */
-#endif
+#endif /* PROVEN */
 
 /* What the engine knows of the chain at one configuration. */
 typedef double twists[FLEXURES][6];
+typedef twists derived[JOINTS]; /* per joint */
 typedef struct {
     arm table;
     state_one s;
-    double q[JOINTS], known[1 + COVARIATES], room[ROOM];
+    double known[1 + COVARIATES], passive[PASSIVE + 1], room[ROOM];
     int payload;
-#if UNPROVEN
-    double matrix[COORDINATES][COORDINATES];
-#endif
-} chain;
+#if !defined(PROVEN)
+    double matrix[COORDINATES + 1][SIDE]; /* the last row is worked in */
+#endif /* PROVEN */
+} manipulator;
 
 /* ---- Equilibrium ------------------------------------------------------------------------------------------------ */
 
-/* Fill the tables of the arm with a payload, without twists. */
-static void describe(chain *m, const double *q, int payload)
+/* Without twists. */
+static void begin(manipulator *m)
 {
-    m->table = arms[payload];
-    m->table.known = m->known;
-    memcpy(m->q, q, sizeof m->q);
-    m->payload = payload;
-    m->known[0] = masses[payload];
-    for (int i = 0; i < COVARIATES; i++) {
-        m->known[1 + i] = NAME_covariates[i];
-    }
     m->s = divide_one(&m->table, m->room);
     for (int k = 0; k < FLEXURES; k++) {
         m->s.f[k].apart = 0;
-        for (int b = 0; b < 6; b++) {
-            m->s.f[k].twist[b] = 0.0;
-        }
+        memset(m->s.f[k].twist, 0, sizeof m->s.f[k].twist);
     }
 }
 
-static void twists_of(const chain *m, twists twist)
+static void twists_of(const manipulator *m, twists twist)
 {
     for (int k = 0; k < FLEXURES; k++) {
         memcpy(twist[k], m->s.f[k].twist, sizeof twist[k]);
     }
 }
 
-static void set_twists(chain *m, twists twist)
+static void set_twists(manipulator *m, twists twist)
 {
     for (int k = 0; k < FLEXURES; k++) {
         memcpy(m->s.f[k].twist, twist[k], sizeof twist[k]);
@@ -66,7 +54,7 @@ static void set_twists(chain *m, twists twist)
 }
 
 /* Fill the twists that the laws give under the loads at those that are there; return the squared step to them. */
-static double step_of(chain *m)
+static double step_of(manipulator *m)
 {
     double square = 0.0;
     (void)weigh_one(&m->table, &m->s, 1, 0, NULL);
@@ -82,7 +70,7 @@ static double step_of(chain *m)
 
 /* Move the twists to rest: the fixed point of loads and laws, which stiff arms are drawn to in a few steps. A squared
  * step may, after some, be so many times as long as the one before it. */
-static int draw(chain *m, double slowest, int patience)
+static int draw(manipulator *m, double slowest, int patience)
 {
     double before = HUGE_VAL;
     for (int step = 0; step < MOST_STEPS; step++) {
@@ -100,17 +88,13 @@ static int draw(chain *m, double slowest, int patience)
     }
     return NO_EQUILIBRIUM;
 }
-#if UNPROVEN
-
-static double dot6(const double *a, const double *b)
-{
-    return dot_one(a, b) + dot_one(a + 3, b + 3);
-}
+#if !defined(PROVEN)
 
 /* Write the change of the loads per change of the twists. */
-static void loads_by_twist(chain *m)
+static void loads_by_twist(manipulator *m)
 {
     twists load;
+    memset(m->matrix, 0, sizeof m->matrix);
     (void)weigh_one(&m->table, &m->s, 1, 0, NULL);
     for (int k = 0; k < FLEXURES; k++) {
         memcpy(load[k], m->s.f[k].load, sizeof load[k]);
@@ -128,7 +112,7 @@ static void loads_by_twist(chain *m)
 }
 
 /* Write the change of every flexure's twist per change of its load: the tangents of the laws. */
-static void twists_by_load(chain *m, double by[FLEXURES][6][6])
+static void twists_by_load(manipulator *m, double by[FLEXURES][6][6])
 {
     twists here;
     deform_one(&m->table, &m->s, 0);
@@ -157,7 +141,7 @@ static void twists_by_load(chain *m, double by[FLEXURES][6][6])
 }
 
 /* Multiply the rows of every flexure in the matrix by minus a matrix of its own, and add the unit matrix. */
-static void complete(chain *m, double by[FLEXURES][6][6])
+static void complete(manipulator *m, double by[FLEXURES][6][6])
 {
     for (int k = 0; k < FLEXURES; k++) {
         for (int j = 0; j < COORDINATES; j++) {
@@ -172,45 +156,8 @@ static void complete(chain *m, double by[FLEXURES][6][6])
     }
 }
 
-/* Solve the linear system of the matrix, by Gauss with the largest pivots. */
-static int solved(chain *m, double right[COORDINATES])
-{
-    for (int k = 0; k < COORDINATES; k++) {
-        int best = k;
-        double swap;
-        for (int i = k + 1; i < COORDINATES; i++) {
-            best = (fabs(m->matrix[i][k]) > fabs(m->matrix[best][k])) ? i : best;
-        }
-        if (!(fabs(m->matrix[best][k]) > 0.0)) {
-            return NO_EQUILIBRIUM;
-        }
-        for (int j = k; j < COORDINATES; j++) {
-            swap = m->matrix[k][j];
-            m->matrix[k][j] = m->matrix[best][j];
-            m->matrix[best][j] = swap;
-        }
-        swap = right[k];
-        right[k] = right[best];
-        right[best] = swap;
-        for (int i = k + 1; i < COORDINATES; i++) {
-            double times = m->matrix[i][k] / m->matrix[k][k];
-            for (int j = k + 1; j < COORDINATES; j++) {
-                m->matrix[i][j] -= times * m->matrix[k][j];
-            }
-            right[i] -= times * right[k];
-        }
-    }
-    for (int k = COORDINATES - 1; k >= 0; k--) {
-        for (int i = k + 1; i < COORDINATES; i++) {
-            right[k] -= m->matrix[k][i] * right[i];
-        }
-        right[k] /= m->matrix[k][k];
-    }
-    return FINE;
-}
-
 /* Write how far the laws would move the twists; return the farthest of all, endless where it is no number. */
-static double residual(chain *m, twists left)
+static double residual(manipulator *m, twists left)
 {
     double largest = 0.0;
     (void)step_of(m);
@@ -224,13 +171,14 @@ static double residual(chain *m, twists left)
 }
 
 /* Move the twists to rest by Newton's method, whose steps are halved until the residual shrinks. */
-static int newton(chain *m)
+static int newton(manipulator *m)
 {
     twists left, from;
-    double by[FLEXURES][6][6], step[COORDINATES], largest = residual(m, left);
+    double by[FLEXURES][6][6], largest = residual(m, left);
     int polished = 0;
     for (int pass = 0; pass < MOST_NEWTON; pass++) {
-        double factor = 1.0, before = largest, most = 0.0;
+        double share = 1.0, before = largest, most = 0.0, step[COORDINATES][WIDE] = {{0.0}};
+        whole order[COORDINATES];
         if (!(largest < HUGE_VAL) || ((largest <= BALANCED) && ((polished != 0) || (largest <= 0.01 * BALANCED)))) {
             break;
         }
@@ -239,123 +187,86 @@ static int newton(chain *m)
         twists_by_load(m, by);
         complete(m, by);
         for (int j = 0; j < COORDINATES; j++) {
-            step[j] = left[j / 6][j % 6];
+            step[j][0] = left[j / 6][j % 6];
         }
         twists_of(m, from);
-        if (solved(m, step) != FINE) {
+        if (!factor(m->matrix[0], COORDINATES, SIDE, order)) {
             return NO_EQUILIBRIUM;
         }
+        solve(m->matrix[0], COORDINATES, SIDE, order, step[0], WIDE);
         for (int j = 0; j < COORDINATES; j++) {
-            most = fmax(most, fabs(step[j]));
+            most = fmax(most, fabs(step[j][0]));
         }
-        factor = fmin(1.0, 1.0 / fmax(most, 1e-300)); /* a turn must not come near pi */
+        share = fmin(1.0, 1.0 / fmax(most, 1e-300)); /* a turn must not come near pi */
         for (int half = 0; half < MOST_HALVINGS; half++) {
             for (int j = 0; j < COORDINATES; j++) {
-                m->s.f[j / 6].twist[j % 6] = from[j / 6][j % 6] + factor * step[j];
+                m->s.f[j / 6].twist[j % 6] = from[j / 6][j % 6] + share * step[j][0];
             }
             largest = residual(m, left);
             if ((largest < before) || (before < 10.0 * BALANCED)) {
                 break;
             }
-            factor *= 0.5;
+            share *= 0.5;
         }
     }
     return (largest <= BALANCED) ? FINE : NO_EQUILIBRIUM;
 }
 
-/* Factor a positive matrix into a lower triangle times its transpose, in place; return whether it is positive. Its
- * columns begin at the first. */
-static int factored(double matrix[][COORDINATES], int first, int size)
+/* Return whether the energy has its least where the arm rests: with C the laws and G the change of minus the loads by the
+ * twists, C + C G C is positive but for what does not give. For a law that is not symmetric this is enough, and more. */
+static int least_energy(manipulator *m)
 {
-    for (int k = 0; k < size; k++) {
-        for (int j = 0; j <= k; j++) {
-            double sum = matrix[k][first + j];
-            for (int c = 0; c < j; c++) {
-                sum -= matrix[k][first + c] * matrix[j][first + c];
-            }
-            if (j < k) {
-                matrix[k][first + j] = sum / matrix[j][first + j];
-            } else if (sum > 0.0) {
-                matrix[k][first + k] = sqrt(sum);
-            } else {
-                return 0;
+    double by[FLEXURES][6][6];
+    loads_by_twist(m);
+    twists_by_load(m, by);
+    complete(m, by);
+    for (int i = 0; i < COORDINATES; i++) {
+        for (int k = 0; k < FLEXURES; k++) {
+            double *row = m->matrix[i] + 6 * k, kept[6];
+            memcpy(kept, row, sizeof kept);
+            for (int b = 0; b < 6; b++) {
+                row[b] = 0.0;
+                for (int c = 0; c < 6; c++) {
+                    row[b] += kept[c] * by[k][c][b];
+                }
             }
         }
     }
-    return 1;
-}
-
-/* Return whether the energy has its least where the arm rests: with C = L L' of every flexure's law, and G the change
- * of minus the loads by the twists, I + L' G L is positive. For a law that is not symmetric this is enough, and more. */
-static int least_energy(chain *m)
-{
-    double by[FLEXURES][6][6], root[6][COORDINATES]; /* the triangles of all flexures beside each other */
-    loads_by_twist(m);
-    twists_by_load(m, by);
     for (int k = 0; k < FLEXURES; k++) {
-        double given[6][6];
         for (int a = 0; a < 6; a++) {
             int first = (a < 3) ? 0 : 3;
             double softest = fmax(fmax(by[k][first][first], by[k][first + 1][first + 1]), by[k][first + 2][first + 2]);
-            for (int b = 0; b < 6; b++) {
-                given[a][b] = by[k][a][b];
-                root[a][6 * k + b] = 0.5 * (by[k][a][b] + by[k][b][a]);
-            }
-            root[a][6 * k + a] += STIFF * fmax(softest, STIFF * STIFF);
-        }
-        if (factored(root, 6 * k, 6) == 0) {
-            return 0;
-        }
-        for (int b = 0; b < 6; b++) { /* the triangle's inverse times the law's tangent */
-            for (int a = 0; a < 6; a++) {
-                double sum = given[a][b];
-                for (int c = 0; c < a; c++) {
-                    sum -= root[a][6 * k + c] * by[k][c][b];
-                }
-                by[k][a][b] = sum / root[a][6 * k + a];
-            }
+            m->matrix[6 * k + a][6 * k + a] += STIFF * fmax(softest, STIFF * STIFF);
         }
     }
-    for (int i = 0; i < COORDINATES; i++) {
-        for (int k = 0; k < FLEXURES; k++) {
-            for (int b = 0; b < 6; b++) {
-                double sum = 0.0;
-                for (int c = b; c < 6; c++) {
-                    sum += m->matrix[i][6 * k + c] * root[c][6 * k + b];
-                }
-                m->matrix[i][6 * k + b] = sum;
-            }
-        }
-    }
-    complete(m, by);
-    for (int i = 0; i < COORDINATES; i++) {
-        for (int j = 0; j < i; j++) {
-            m->matrix[i][j] = 0.5 * (m->matrix[i][j] + m->matrix[j][i]);
-        }
-    }
-    return factored(m->matrix, 0, COORDINATES);
+    return positive(m->matrix[0], COORDINATES, SIDE, 0.0, m->matrix[0], SIDE);
 }
-#endif
+#endif /* PROVEN */
 
 /* Bring the arm to rest at joint positions, from the twists that are there. */
-static int rest_at(chain *m)
+static int rest_at(manipulator *m, const double *from, const double *q)
 {
-    int code;
-#if UNPROVEN
-    twists begin_at;
-#endif
-    place_one(&m->table, &m->s, 1, m->q, 0);
-    know_one(&m->table, &m->s, 1, m->q, 0);
-#if UNPROVEN
-    twists_of(m, begin_at);
-    code = draw(m, SLOW, PATIENCE);
-    for (int trial = 0; (trial < 2) && (code != FINE); trial++) { /* a law that is not smooth is no matter for Newton */
-        set_twists(m, begin_at);
-        code = (trial == 0) ? newton(m) : draw(m, RUNS_AWAY, 1);
+    int code = NO_EQUILIBRIUM;
+    (void)from;
+    place_one(&m->table, &m->s, 1, q, 0);
+    know_one(&m->table, &m->s, 1, q, 0);
+#if !defined(PROVEN)
+    {
+        twists begin_at;
+        twists_of(m, begin_at);
+        code = draw(m, SLOW, PATIENCE);
+        if (code != FINE) {
+            set_twists(m, begin_at);
+            code = newton(m);
+        }
+        if (code != FINE) { /* a law that is not smooth is no matter for Newton */
+            set_twists(m, begin_at);
+        }
     }
-#else
-    code = draw(m, RUNS_AWAY, 1);
-#endif
+#endif /* PROVEN */
+    if (code != FINE) {
+        code = draw(m, RUNS_AWAY, 1);
+    }
     for (int k = 0; (code == FINE) && (k < FLEXURES); k++) {
         const double *turn = &m->s.f[k].twist[3];
         if (!(dot_one(turn, turn) <= LARGEST_TURN * LARGEST_TURN)) {
@@ -367,7 +278,7 @@ static int rest_at(chain *m)
 
 /* Return whether the arm would stay where it rests: a small disturbance must shrink. It is turned by every probe to the
  * direction that shrinks least. Where the weight can never soften the arm so much, nothing need be tried. */
-static int stays(chain *m)
+static int stays(manipulator *m)
 {
     twists rest, off;
     double ratio = 1.0;
@@ -407,141 +318,70 @@ static int stays(chain *m)
         }
     }
     set_twists(m, rest);
-#if UNPROVEN
+#if !defined(PROVEN)
     if (!(ratio < 1.0) && (least_energy(m) != 0)) { /* it is stiffened by the load, and swings from probe to probe */
         ratio = 0.0;
     }
-#endif
+#endif /* PROVEN */
     return (ratio < 1.0) ? FINE : NO_EQUILIBRIUM;
 }
 
-/* Write where the flexed arm's tip is [m]. */
-static void flexed_tip(chain *m, double tip[3])
+/* Write where the tip of the rigid arm is. */
+static int rigid_tip(manipulator *m, const double *q, double goal[3])
 {
+    place_one(&m->table, &m->s, 1, q, 0);
+    memcpy(goal, m->s.tip, sizeof m->s.tip);
+    return FINE;
+}
+
+/* Write the flexed tip's pose: its rotation is turned by a quaternion. */
+static void flexed_tip(manipulator *m, double *pose)
+{
+    const double *u = m->s.quaternion, *own = m->table.elements + 20 * m->table.count;
     displace_one(&m->table, &m->s);
-    for (int i = 0; i < 3; i++) {
-        tip[i] = m->s.tip[i] + m->s.pull[i];
-    }
-}
-
-/* ---- Tip -------------------------------------------------------------------------------------------------------- */
-
-/* Write where the flexed arm's tip is at joint positions q under a payload.
- *
- * q: NAME_nq numbers [rad or m], in the order of NAME_joints. payload: its place in NAME_payloads.
- * pose: 12 numbers, rotation and origin [m] in the base frame as a 3 x 4 matrix row by row.
- * Returns 0, or one of the codes above; pose is then untouched. */
-int NAME_tip(const double *q, int payload, double *pose)
-{
-    chain m;
-    int code = check(q, payload);
-    if (code != FINE) {
-        return code;
-    }
-    describe(&m, q, payload);
-    code = rest_at(&m);
-    if (code == FINE) {
-        code = stays(&m);
-    }
-    if (code == FINE) {
-        const double *u = m.s.quaternion, *own = m.table.elements + 20 * m.table.count;
-        double tip[3];
-        flexed_tip(&m, tip);
-        for (int j = 0; j < 3; j++) {
-            double axis[3], once[3], twice[3]; /* of the tip, turned by a quaternion */
-            for (int i = 0; i < 3; i++) {
-                const double *turn = m.s.tip_turn + 3 * i;
-                axis[i] = turn[0] * own[j] + turn[1] * own[3 + j] + turn[2] * own[6 + j];
-            }
-            cross_one(u + 1, axis, once);
-            cross_one(u + 1, once, twice);
-            for (int i = 0; i < 3; i++) {
-                pose[4 * i + j] = axis[i] + 2.0 * (u[0] * once[i] + twice[i]);
-            }
-            pose[4 * j + 3] = tip[j];
+    for (int j = 0; j < 3; j++) {
+        double axis[3], once[3], twice[3];
+        for (int i = 0; i < 3; i++) {
+            const double *turn = m->s.tip_turn + 3 * i;
+            axis[i] = turn[0] * own[j] + turn[1] * own[3 + j] + turn[2] * own[6 + j];
         }
+        cross_one(u + 1, axis, once);
+        cross_one(u + 1, once, twice);
+        for (int i = 0; i < 3; i++) {
+            pose[4 * i + j] = axis[i] + 2.0 * (u[0] * once[i] + twice[i]);
+        }
+        pose[4 * j + 3] = m->s.tip[j] + m->s.pull[j];
     }
-    return code;
 }
-
-/* The same: a chain carries nothing from call to call, and `state` may be NULL. */
-int NAME_follow(const double *q, int payload, double *state, double *pose)
-{
-    (void)state;
-    return NAME_tip(q, payload, pose);
-}
-
-/* ---- Compensation ----------------------------------------------------------------------------------------------- */
 
 /* Write the change of the flexed tip [m] per joint about where the arm rests: it comes to rest again. `slope` holds the
  * change of the twists per joint from one time to the next, to begin near where that will be. */
-static int derivatives(chain *m, const double tip[3], twists slope[JOINTS], double jacobian[3][JOINTS])
+static int derivatives(manipulator *m, const double *q, const double tip[3], derived slope, double jacobian[3][JOINTS])
 {
     twists rest;
+    double at[JOINTS], end[12];
     int code = FINE;
     twists_of(m, rest);
+    memcpy(at, q, sizeof at);
     for (int j = 0; (j < JOINTS) && (code == FINE); j++) {
-        double end[3], at = m->q[j];
-        m->q[j] = at + DIFFERENCE;
+        at[j] = q[j] + DIFFERENCE;
         for (int k = 0; k < FLEXURES; k++) {
             for (int a = 0; a < 6; a++) {
                 m->s.f[k].twist[a] = rest[k][a] + DIFFERENCE * slope[j][k][a];
             }
         }
-        code = rest_at(m);
+        code = rest_at(m, NULL, at);
         flexed_tip(m, end);
         for (int k = 0; k < FLEXURES; k++) {
             for (int a = 0; a < 6; a++) {
                 slope[j][k][a] = (m->s.f[k].twist[a] - rest[k][a]) / DIFFERENCE;
             }
         }
-        m->q[j] = at;
+        at[j] = q[j];
         for (int i = 0; i < 3; i++) {
-            jacobian[i][j] = (end[i] - tip[i]) / DIFFERENCE;
+            jacobian[i][j] = (end[4 * i + 3] - tip[i]) / DIFFERENCE;
         }
     }
     set_twists(m, rest);
-    return code;
-}
-
-/* Write the joint positions nearest to q whose flexed tip is where the rigid arm's is at q, as the controller knows the
- * rigid arm; the orientation follows. Arguments as of NAME_tip; out: NAME_nq joint positions [rad or m], untouched
- * where a code is returned. `out` may be `q`. */
-int NAME_compensate(const double *q, int payload, double *out)
-{
-    chain m;
-    double goal[3], tip[3], change[JOINTS] = {0.0}, jacobian[3][JOINTS], length = HUGE_VAL;
-    twists slope[JOINTS] = {{{0.0}}};
-    int code = check(q, payload);
-    if (code != FINE) {
-        return code;
-    }
-    describe(&m, q, payload);
-/*@nominal*/
-    place_one(&m.table, &m.s, 1, q, 0);
-    memcpy(goal, m.s.tip, sizeof goal);
-    describe(&m, q, payload);
-    for (int jump = 0; jump <= MOST_JUMPS; jump++) {
-        for (int j = 0; j < JOINTS; j++) {
-            m.q[j] = q[j] + change[j];
-        }
-        code = rest_at(&m);
-        if (code != FINE) {
-            return code;
-        }
-        flexed_tip(&m, tip);
-        if (arrived(goal, tip, length, jump)) {
-            break;
-        }
-        code = (jump < MOST_JUMPS) ? derivatives(&m, tip, slope, jacobian) : UNREACHED;
-        if (code != FINE) {
-            return code;
-        }
-        length = aim(q, goal, tip, jacobian, jump, change);
-    }
-    code = stays(&m);
-    if (code == FINE) {
-        memcpy(out, m.q, sizeof m.q);
-    }
     return code;
 }

@@ -154,3 +154,115 @@ static int arrived(const double *goal, const double *tip, double last, int jump)
 }
 
 /*@mechanics*/
+
+/* ---- Tip -------------------------------------------------------------------------------------------------------- */
+
+/* Fill the tables of the arm with a payload, and where it begins. */
+static void describe(manipulator *m, int payload)
+{
+    m->table = arms[payload];
+    m->table.known = m->known;
+    m->payload = payload;
+    m->known[0] = masses[payload];
+    for (int i = 0; i < COVARIATES; i++) {
+        m->known[1 + i] = NAME_covariates[i];
+    }
+    begin(m);
+}
+
+/* Write where the flexed arm's tip is at positions q of the drives under a payload.
+ *
+ * q: NAME_nq numbers [rad or m], in the order of NAME_joints. payload: its place in NAME_payloads.
+ * state: NAME_nstate numbers: whether it was asked before, the drives and the joints without one then; all 0 to begin
+ * from each passive joint's q0. Written when it returns 0. A chain carries nothing: it may be NULL.
+ * pose: 12 numbers, rotation and origin [m] in the base frame as a 3 x 4 matrix row by row.
+ * Returns 0, or one of the codes above; state and pose are then untouched. */
+int NAME_follow(const double *q, int payload, double *state, double *pose)
+{
+    manipulator m;
+    const double *from = NULL;
+    int code = check(q, payload);
+    for (int i = 0; (i < STATE) && (code == FINE); i++) {
+        code = (fabs(state[i]) <= LARGEST) ? FINE : NOT_FINITE;
+    }
+    if (code != FINE) {
+        return code;
+    }
+    describe(&m, payload);
+    if ((STATE > 0) && (state[0] != 0.0)) {
+        from = state + 1;
+        memcpy(m.passive, state + 1 + JOINTS, PASSIVE * sizeof *state);
+    }
+    code = rest_at(&m, from, q);
+    if (code == FINE) {
+        code = stays(&m);
+    }
+    if (code == FINE) {
+        flexed_tip(&m, pose);
+        if (STATE > 0) {
+            state[0] = 1.0;
+            memcpy(state + 1, q, JOINTS * sizeof *state);
+            memcpy(state + 1 + JOINTS, m.passive, PASSIVE * sizeof *state);
+        }
+    }
+    return code;
+}
+
+/* The same without a state: from each passive joint's q0. */
+int NAME_tip(const double *q, int payload, double *pose)
+{
+    double state[STATE + 1] = {0.0};
+    return NAME_follow(q, payload, state, pose);
+}
+
+/* ---- Compensation ----------------------------------------------------------------------------------------------- */
+
+/* Write the positions of the drives nearest to q whose flexed tip is where the rigid arm's is at q, as the controller
+ * knows the rigid arm; the orientation follows. Arguments as of NAME_tip; out: NAME_nq positions [rad or m], untouched
+ * where a code is returned. `out` may be `q`. */
+int NAME_compensate(const double *q, int payload, double *out)
+{
+    manipulator m;
+    derived work_of;
+    double goal[3], pose[12], tip[3], change[JOINTS] = {0.0}, at[JOINTS], before[JOINTS], jacobian[3][JOINTS];
+    double length = HUGE_VAL;
+    int code = check(q, payload);
+    if (code != FINE) {
+        return code;
+    }
+    memset(work_of, 0, sizeof work_of);
+    describe(&m, payload);
+/*@nominal*/
+    code = rigid_tip(&m, q, goal);
+    if (code != FINE) {
+        return code;
+    }
+    describe(&m, payload);
+    for (int jump = 0; jump <= MOST_JUMPS; jump++) {
+        for (int j = 0; j < JOINTS; j++) {
+            at[j] = q[j] + change[j];
+        }
+        code = rest_at(&m, (jump > 0) ? before : NULL, at);
+        if (code != FINE) {
+            return code;
+        }
+        memcpy(before, at, sizeof before);
+        flexed_tip(&m, pose);
+        for (int i = 0; i < 3; i++) {
+            tip[i] = pose[4 * i + 3];
+        }
+        if (arrived(goal, tip, length, jump)) {
+            break;
+        }
+        code = (jump < MOST_JUMPS) ? derivatives(&m, at, tip, work_of, jacobian) : UNREACHED;
+        if (code != FINE) {
+            return code;
+        }
+        length = aim(q, goal, tip, jacobian, jump, change);
+    }
+    code = stays(&m);
+    if (code == FINE) {
+        memcpy(out, at, sizeof at);
+    }
+    return code;
+}

@@ -5,25 +5,22 @@ static const double FINEST = 1e-4; /* share of the way to other positions that i
 typedef struct {
     arm table;
     double compliance[36 * FLEXURES], offset[6 * FLEXURES], known[1 + COVARIATES];
-    double passive[PASSIVE + 1], tip[16], flexed[PASSIVE + 1], twists[6 * FLEXURES], loads[6 * FLEXURES];
+    double passive[PASSIVE + 1], tip[16], end[16], flexed[PASSIVE + 1], twists[6 * FLEXURES], loads[6 * FLEXURES];
     double forces[ROWS + 1], displacement[6], distance, idle[ROWS * ROWS + 1], idles[ROWS * ROWS + 1];
     double room[ROOM];
-} mechanism;
+    int payload;
+} manipulator;
+typedef double derived[6 * JOINTS];
 
 /* ---- Where it rests --------------------------------------------------------------------------------------------- */
 
-/* Fill the tables of the arm with a payload. */
-static void describe(mechanism *m, int payload)
+static void begin(manipulator *m)
 {
-    m->table = arms[payload];
-    m->known[0] = masses[payload];
-    for (int i = 0; i < COVARIATES; i++) {
-        m->known[1 + i] = NAME_covariates[i];
-    }
+    memset(m->passive, 0, sizeof m->passive);
 }
 
 /* Fill what the laws are at positions of the drives, in memory of this call: all of them are affine in the load. */
-static void know_laws(mechanism *m, const double *q)
+static void know_laws(manipulator *m, const double *q)
 {
     const arm *a = arms; /* its laws are the same with every payload */
     double value[FACTORS];
@@ -49,7 +46,7 @@ static void know_laws(mechanism *m, const double *q)
 }
 
 /* Move joints without a drive to where the loops close; return whether they do. */
-static int close_at(mechanism *m, const double *q, int jumps, double *passive)
+static int close_at(manipulator *m, const double *q, int jumps, double *passive)
 {
     double *room = m->room, trial[PASSIVE + 1];
     here h = memory(&m->table, &room);
@@ -63,7 +60,7 @@ static int close_at(mechanism *m, const double *q, int jumps, double *passive)
 }
 
 /* Move them as the drives go straight from positions to others; return whether the loops close all along. */
-static int follow_to(mechanism *m, const double *from, const double *q, double *passive)
+static int follow_to(manipulator *m, const double *from, const double *q, double *passive)
 {
     double done = 0.0, size = 1.0, at[JOINTS];
     for (int part = 0; (part < MOST_PARTS) && (done < 1.0); part++) {
@@ -84,7 +81,7 @@ static int follow_to(mechanism *m, const double *from, const double *q, double *
 }
 
 /* Find them without knowing where they were: of what drives lead to from home, and q0 itself, the nearer to q0. */
-static int close_first(mechanism *m, const double *q, double *passive)
+static int close_first(manipulator *m, const double *q, double *passive)
 {
     double led[PASSIVE + 1], straight[PASSIVE + 1], far[2] = {HUGE_VAL, HUGE_VAL};
     memcpy(led, home_passive, PASSIVE * sizeof *led);
@@ -104,9 +101,10 @@ static int close_first(mechanism *m, const double *q, double *passive)
 }
 
 /* Come to rest from where joints without a drive were at other positions of the drives, NULL where that is not known. */
-static int rest_at(mechanism *m, const double *from, const double *q)
+static int rest_at(manipulator *m, const double *from, const double *q)
 {
-    rested found = {m->passive, m->tip, m->flexed, m->twists, m->loads, m->forces, m->displacement, &m->distance, m->idles};
+    rested found = {m->passive,      m->tip,       m->flexed, m->twists, m->loads, m->forces,
+                    m->displacement, &m->distance, m->idles,  m->end};
     double start[PASSIVE + 1], own[PASSIVE + 1];
     memcpy(own, m->passive, PASSIVE * sizeof *own);
     if (((from == NULL) || !follow_to(m, from, q, own)) && !close_first(m, q, own)) {
@@ -119,121 +117,41 @@ static int rest_at(mechanism *m, const double *from, const double *q)
     return (engine_rest(&m->table, 1, q, 1, 0, start, m->idle, &found, m->room) == 1) ? FINE : NO_EQUILIBRIUM;
 }
 
+/* The engine answers for what it has proven alone. */
+static int stays(const manipulator *m)
+{
+    (void)m;
+    return FINE;
+}
+
 /* Write where the tip of the rigid arm is. */
-static void rigid_tip(mechanism *m, const double *q, double goal[3])
+static int rigid_tip(manipulator *m, const double *q, double goal[3])
 {
     double *room = m->room, turn[9];
-    here h = memory(&m->table, &room);
+    here h;
+    if (!close_first(m, q, m->passive)) {
+        return NOT_CLOSED;
+    }
+    h = memory(&m->table, &room);
     place(&m->table, q, m->passive, 0, &h);
     frame_at(&h, m->table.elements + 20 * m->table.count, turn, goal);
+    return FINE;
 }
 
 /* Write the flexed tip's pose. */
-static void flexed_tip(const mechanism *m, double *pose)
+static void flexed_tip(const manipulator *m, double *pose)
 {
-    double twist[6] = {0.0}, frame[12];
-    memcpy(twist + 3, m->displacement + 3, 3 * sizeof *twist);
-    exponential(twist, frame);
-    for (int i = 0; i < 3; i++) {
-        for (int j = 0; j < 3; j++) {
-            pose[4 * i + j] = 0.0;
-            for (int k = 0; k < 3; k++) {
-                pose[4 * i + j] += frame[3 * i + k] * m->tip[4 * k + j];
-            }
-        }
-        pose[4 * i + 3] = m->tip[4 * i + 3] + m->displacement[i];
-    }
+    memcpy(pose, m->end, 12 * sizeof *pose);
 }
 
-/* ---- Tip -------------------------------------------------------------------------------------------------------- */
-
-/* Write where the flexed arm's tip is at positions q of the drives under a payload.
- *
- * q: NAME_nq numbers [rad or m], in the order of NAME_joints. payload: its place in NAME_payloads.
- * state: NAME_nstate numbers: whether it was asked before, the drives and the joints without one then; all 0 to begin
- * from each passive joint's q0. Written when it returns 0.
- * pose: 12 numbers, rotation and origin [m] in the base frame as a 3 x 4 matrix row by row.
- * Returns 0, or one of the codes above; state and pose are then untouched. */
-int NAME_follow(const double *q, int payload, double *state, double *pose)
+/* Write the change of the flexed tip [m] per joint about where the arm rests. */
+static int derivatives(manipulator *m, const double *q, const double tip[3], derived each, double jacobian[3][JOINTS])
 {
-    mechanism m;
-    int code = check(q, payload), warm;
-    for (int i = 0; (i < STATE) && (code == FINE); i++) {
-        code = (fabs(state[i]) <= LARGEST) ? FINE : NOT_FINITE;
-    }
-    if (code != FINE) {
-        return code;
-    }
-    warm = (STATE > 0) && (state[0] != 0.0);
-    describe(&m, payload);
-    memset(m.passive, 0, sizeof m.passive);
-    if (warm) {
-        memcpy(m.passive, state + 1 + JOINTS, PASSIVE * sizeof *state);
-    }
-    code = rest_at(&m, warm ? state + 1 : NULL, q);
-    if (code == FINE) {
-        flexed_tip(&m, pose);
-        if (STATE > 0) {
-            state[0] = 1.0;
-            memcpy(state + 1, q, JOINTS * sizeof *state);
-            memcpy(state + 1 + JOINTS, m.passive, PASSIVE * sizeof *state);
-        }
-    }
-    return code;
-}
-
-/* The same without a state: from each passive joint's q0. */
-int NAME_tip(const double *q, int payload, double *pose)
-{
-    double state[STATE + 1] = {0.0};
-    return NAME_follow(q, payload, state, pose);
-}
-
-/* ---- Compensation ----------------------------------------------------------------------------------------------- */
-
-/* Write the positions of the drives nearest to q whose flexed tip is where the rigid arm's is at q, as the controller
- * knows the rigid arm; the orientation follows. Arguments as of NAME_tip; out: NAME_nq positions [rad or m], untouched
- * where a code is returned. `out` may be `q`. */
-int NAME_compensate(const double *q, int payload, double *out)
-{
-    mechanism m;
-    double goal[3], pose[12], change[JOINTS] = {0.0}, at[JOINTS], before[JOINTS], length = HUGE_VAL, each[6 * JOINTS];
-    int code = check(q, payload);
-    if (code != FINE) {
-        return code;
-    }
-    describe(&m, payload);
-    memset(m.passive, 0, sizeof m.passive);
-/*@nominal*/
-    if (!close_first(&m, q, m.passive)) {
-        return NOT_CLOSED;
-    }
-    rigid_tip(&m, q, goal);
-    describe(&m, payload);
-    for (int jump = 0; jump <= MOST_JUMPS; jump++) {
-        double jacobian[3][JOINTS], tip[3];
-        asked ask = {0};
-        for (int j = 0; j < JOINTS; j++) {
-            at[j] = q[j] + change[j];
-        }
-        code = rest_at(&m, (jump > 0) ? before : NULL, at);
-        if (code != FINE) {
-            return code;
-        }
-        memcpy(before, at, sizeof before);
-        flexed_tip(&m, pose);
-        for (int i = 0; i < 3; i++) {
-            tip[i] = pose[4 * i + 3];
-        }
-        if (arrived(goal, tip, length, jump)) {
-            memcpy(out, at, sizeof at);
-            return FINE;
-        }
-        ask.end = m.table.elements + 20 * m.table.count;
-        ask.joints = each;
-        engine_respond(&m.table, 1, at, m.flexed, m.twists, m.forces, m.idles, &ask, m.room);
-        memcpy(jacobian, each, sizeof jacobian);
-        length = aim(q, goal, tip, jacobian, jump, change);
-    }
-    return UNREACHED;
+    asked ask = {0};
+    (void)tip;
+    ask.end = m->table.elements + 20 * m->table.count;
+    ask.joints = each;
+    engine_respond(&m->table, 1, q, m->flexed, m->twists, m->forces, m->idles, &ask, m->room);
+    memcpy(jacobian, each, sizeof(double[3][JOINTS]));
+    return FINE;
 }

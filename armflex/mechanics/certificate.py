@@ -80,33 +80,18 @@ class StabilityBound:
     ranges: Ranges
 
     @cached_property
-    def _fine(self) -> np.ndarray:
-        """(n,) flexures whose bounds prove what they have to."""
-        return np.all((self.compliance_bound @ self.change[..., None])[..., 0] <= SHARE * self.reference, axis=1)
-
-    @cached_property
     def proven(self) -> bool:
         """Whether nothing need be asked: the arm stays wherever it is."""
-        return self._bounded and bool(self._fine.all())
+        return self.proven_while(None)
 
-    @cached_property
-    def _bounded(self) -> bool:
-        return all(bound is not None for own in self.parts for _, bound in own)
+    def proven_while(self, motion: Array | None) -> bool:
+        """Return whether that is so while joints have (2, nq) speeds and accelerations.
 
-    def proven_under(self, loads: Sequence[Load], motion: Array | None = None) -> bool:
-        """Return whether nothing need be asked under further loads and (2, nq) speeds and accelerations either.
-
-        It is a sum of what each takes of the bound at its worst flexure: quick, and sometimes less than `proven` says.
+        It is a sum of what each takes of the bound at its worst flexure: quick, and sometimes less than is true.
         """
-        if not self._bounded or not all(load.dead or load.follows for load in loads):
-            return False
-        taken = self._taken
-        for load in loads:
-            force, moment = self._taken_by(load.frame, load.follows)
-            taken += force * load.sizes[0] + moment * load.sizes[1]
-        if motion is None:
+        taken, spin = self._taken, 0.0  # of all that turns inboard [rad/s]
+        if motion is None or not taken <= 1.0:
             return taken <= 1.0
-        spin = 0.0  # of all that turns inboard [rad/s]
         for speed, acceleration, (share, turns) in zip(*np.abs(motion).tolist(), self._taken_by_motion, strict=True):
             squares = 1.5 * (2.0 * spin + speed) * speed if turns else 2.0 * spin * speed
             taken += share * (acceleration + squares)
@@ -115,11 +100,8 @@ class StabilityBound:
 
     @cached_property
     def _taken(self) -> float:
-        return float(self._worst(self.change))
-
-    @cached_property
-    def _taken_by(self) -> Callable[[str, bool], tuple[float, float]]:
-        return cache(lambda link, follows: tuple(self._worst(self.per_load(link, follows)).tolist()))
+        bounded = all(bound is not None for own in self.parts for _, bound in own)
+        return float(self._worst(self.change)) if bounded else math.inf
 
     @cached_property
     def _taken_by_motion(self) -> list[tuple[float, bool]]:
@@ -167,11 +149,12 @@ class StabilityBound:
     @cached_property
     def _unknown(self) -> list[tuple[int, Array, list[Law], Array]]:
         """Flexures whose laws must be asked, with what is known of the others of its laws, and what it may come to."""
-        found = []
+        found, taken = [], (self.compliance_bound @ self.change[..., None])[..., 0]
+        fine = np.all(taken <= SHARE * self.reference, axis=1)  # their bounds prove what they have to
         for i, own in enumerate(self.parts):
-            known = [bound for _, bound in own if bound is not None and self._fine[i]]
+            known = [bound for _, bound in own if bound is not None and fine[i]]
             if len(known) < len(own):
-                laws = [law for law, bound in own if bound is None or not self._fine[i]]
+                laws = [law for law, bound in own if bound is None or not fine[i]]
                 found.append((i, sum(known, np.zeros((2, 2))), laws, SHARE * self.reference[i]))
         return found
 

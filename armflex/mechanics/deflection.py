@@ -6,7 +6,7 @@ one row. What arrays have no quick way for is asked of a batch's `row`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -22,8 +22,8 @@ from armflex.laws import Row
 from armflex.laws.effects.in_arm import beyond_seen
 from armflex.laws.row import MASS
 from armflex.mechanics.certificate import NEAR
-from armflex.mechanics.equilibrium import Equilibrium, find_equilibrium, load_factor, tangent_of
-from armflex.mechanics.laws import RowLaws
+from armflex.mechanics.engine.tables import Frames
+from armflex.mechanics.equilibrium import Equilibrium, find_equilibrium, load_factor
 from armflex.mechanics.loaded import SAG_BAND, LoadedArm, Names, Payload, Structure
 from armflex.mechanics.loop_rows import rigid_tips, solver_of
 from armflex.mechanics.many_rows import (
@@ -224,9 +224,7 @@ class Deflection(_Result[float]):
     @cached_property
     def displacement(self) -> Array:
         """(6,) flexed minus rigid: shift of the tip origin [m] and rotation vector [rad], base axes."""
-        found = self.solved.displacement
-        if found is None:
-            found = self._mechanics.displacement(self._configuration, self.q)
+        found = self.solved.rest.displacement
         found.flags.writeable = False
         return found
 
@@ -263,12 +261,12 @@ class Deflection(_Result[float]):
     @cached_property
     def wrenches(self) -> Array:
         """(n_flexures, 6) loads on the flexures, local axes [N, Nm]."""
-        return -self.solved.torque[self._mechanics.flex.flexure_v].reshape(-1, 6)
+        return self.solved.rest.loads
 
     @cached_property
     def twists(self) -> Array:
         """(n_flexures, 6) local deflections [m, rad]."""
-        return self.solved.motion[self._mechanics.flex.flexure_v].reshape(-1, 6)
+        return self.solved.rest.twists
 
     @property
     def method(self) -> str:
@@ -283,7 +281,7 @@ class Deflection(_Result[float]):
     @cached_property
     def joint_loads(self) -> Array:
         """(nq, 6) wrench on the structure at every joint, in its child frame [N, Nm]; of a cylinder tension along x."""
-        return self._mechanics.joint_loads(self._configuration, self.case, self.solved.torque)
+        return self._mechanics.joint_loads(self.solved.placed)
 
     @property
     def drive_loads(self) -> Array:
@@ -292,7 +290,7 @@ class Deflection(_Result[float]):
         What follows a drive by a gear loads it, too.
         """
         linkage, tensions = self.arm.robot.linkage, self._forces[len(self.arm.robot.linkage.loops) :, 0]
-        torque = self._mechanics.held(self._configuration, self.case, self.solved.torque)
+        torque = self._mechanics.held(self.solved.placed)
         return np.append(-torque[self._mechanics.flex.v_index], tensions[: len(linkage.cylinders)])
 
     @property
@@ -335,12 +333,12 @@ class Deflection(_Result[float]):
         """
         if self.arm.robot.linkage:
             raise UnsupportedError("an arm with loops has no tangent of its flexures alone: ask for load_factor")
-        return self._tangent
+        return self.solved.tangent
 
     @cached_property
     def load_factor(self) -> float:
         """How many times as large its loads could be until the arm buckles; see `armflex.mechanics.equilibrium`."""
-        return load_factor(self._tangent)
+        return load_factor(self.solved.tangent)
 
     @cached_property
     def flexure_jacobian(self) -> Array:
@@ -380,7 +378,7 @@ class Deflection(_Result[float]):
         known = self.arm.corrections
         if not (known.joint_offset or known.geometry):
             return np.zeros(6)
-        return self._mechanics.displacement(self.solved.rigid, self.q)
+        return self._mechanics.displacement(self.solved.placed.rigid, self.q)
 
     @cached_property
     def compliance(self) -> Array:
@@ -407,25 +405,20 @@ class Deflection(_Result[float]):
 
     @cached_property
     def _configuration(self) -> Array:
-        return self._mechanics.flexed(self.solved.rigid, self.solved.motion)
+        return self.solved.placed.configuration
 
     @property
     def _forces(self) -> Array:
         """(K, 6) forces in what closes."""
-        return -self.solved.torque[self._mechanics.model.nv :].reshape(-1, 6)
+        return -self.solved.placed.torque[self._mechanics.model.nv :].reshape(-1, 6)
 
     @cached_property
     def _row(self) -> Row:
-        return self.solved.loaded.row(self.q, self.case.covariates)
-
-    @cached_property
-    def _tangent(self) -> Array:
-        return tangent_of(self.solved)
+        return self.solved.row
 
     @cached_property
     def _linear(self) -> Linear:
-        solved = self.solved
-        return self._mechanics.linear(self._configuration, solved.motion, solved.torque, self.case, self._row)
+        return self._mechanics.linear(self.solved.placed)
 
     @cached_property
     def _tip(self) -> Array:
@@ -462,11 +455,12 @@ class Deflection(_Result[float]):
             magnification: Factor on the twists.
             further: (n_flexures, 6) motion of the flexures beside them, as of a mode [m, rad].
         """
-        mechanics, motion = self._mechanics, magnification * self.solved.motion
+        mechanics, at = self._mechanics, self.solved.placed
+        motion = magnification * at.motion
         if further is not None:
             shape = (len(self.names.flexures), 6)
             motion[mechanics.flex.flexure_v] += finite_array(further, "further", shape).ravel()
-        found = mechanics.link_poses(mechanics.flexed(self.solved.rigid, motion))
+        found = mechanics.link_poses(mechanics.flexed(at.rigid, motion))
         for one in self.case.wrenches:
             found |= one.links(found[one.frame])
         return found
@@ -512,7 +506,8 @@ class DeflectionBatch(_Result[Array]):
         twists: (N, n_flexures, 6) local deflections [m, rad].
         found_wrenches: (N, n_flexures, 6) `wrenches` [N, Nm] where they were found with the twists, else of no rows.
         found_factors: (N,) `load_factor` where it is less than `NEAR`; infinite elsewhere.
-        solved: Equilibria of rows of a mechanism that were asked one by one, by row.
+        closed, flexed: (N, p) positions of joints without a drive, nothing giving, and at rest [rad or m].
+        forces: (N, m) in what closes [N, Nm].
     """
 
     arm: Structure
@@ -520,10 +515,12 @@ class DeflectionBatch(_Result[Array]):
     case: LoadCase
     asked: Asked
     displacement: Array
-    twists: Array
     found_wrenches: Array
+    twists: Array
     found_factors: Array
-    solved: dict[int, Equilibrium]
+    closed: Array
+    flexed: Array
+    forces: Array
 
     def __repr__(self) -> str:
         """One line: how many rows and the largest shift."""
@@ -535,17 +532,14 @@ class DeflectionBatch(_Result[Array]):
         return self.payloads[0 if len(self.payloads) == 1 else i]
 
     def row(self, i: int) -> Deflection:
-        """Return one of the rows by itself; one with loops that the engine answered is solved again."""
+        """Return one of the rows by itself."""
         loaded, case = self.arm.loaded(self.payload(i)), self.case.some(i)
         checked, flags = self.arm.check_position(case.q, enforce_limits=False)
-        case, found = case._replace(q=checked), self.solved.get(i)
-        if found is None and loaded.arm.robot.linkage:
-            return deflect(loaded, case, flags, self.asked.method, self.asked.allow_large)
-        if found is None:
-            rest = Rest(self.displacement[i].copy(), self.twists[i], self.wrenches[i])
-            placed = loaded.mechanics.at_rest(checked, rest)
-            found = Equilibrium(loaded, case, *placed, self.asked.method, displacement=rest.displacement)
-        return Deflection(found, (*self._flags_of(loaded), *flags, *near_buckling(float(self.found_factors[i]))))
+        at = self.displacement[i].copy(), self.twists[i], self.wrenches[i]
+        rest = Rest(*at, True, self.closed[i], self.flexed[i], self.forces[i])
+        factor, case = float(self.found_factors[i]), case._replace(q=checked)
+        found = Equilibrium(loaded, case, rest, self.asked.method, load_factor=factor)
+        return Deflection(found, (*self._flags_of(loaded), *flags, *near_buckling(factor)))
 
     @property
     def load_factor(self) -> Array:
@@ -576,22 +570,15 @@ class DeflectionBatch(_Result[Array]):
         if not self.asked.together(self.arm, self.case):
             return self.found_wrenches
         found = np.empty_like(self.twists)
-        for loaded, rows in self._compiled:
-            for some in in_pieces(rows, PIECE):
-                pushes = Pushes(loaded, self.case.some(some).wrenches)
-                at = (self.q[some], self.twists[some])
-                pushed = (pushes.links, pushes.wrenches(*at), NO_CHANGES)
-                loads = responded(loaded.tree, ("loads",), *at, sites=loaded.flexure_frames, pushed=pushed)["loads"]
-                found[some] = loads[:, :-1]
+        for some, loads in self._asked("loads", lambda loaded: loaded.flexure_frames):
+            found[some] = loads[:, :-1]
         return found
 
     @cached_property
     def contributions(self) -> Array:
         """(N, n_flexures, 6) first-order share of each flexure in the displacement [m, rad]."""
         found = np.empty_like(self.twists)
-        for loaded, rows in self._compiled:
-            at = self.q[rows], self.twists[rows]
-            poses = responded(loaded.tree, ("poses",), *at, bodies=loaded.flexure_frames)["poses"]
+        for rows, poses in self._asked("poses", lambda loaded: loaded.flexure_frames):
             # To go on along a twist is to move by it: exp6's derivative leaves it as it is.
             turns, origins, tip = poses[:, :-1, :3, :3], poses[:, :-1, :3, 3], poses[:, -1:, :3, 3]
             shift, turn = ((turns @ part[..., None])[..., 0] for part in np.split(self.twists[rows], 2, axis=2))
@@ -605,12 +592,11 @@ class DeflectionBatch(_Result[Array]):
         """(N, nq) load on every drive about or along its joint's axis [Nm or N]."""
         moving, found = self.arm.robot.moving, np.empty_like(self.q)
         axes = np.array([drive_of(joint) for joint in moving])
-        for loaded, rows in self._compiled:
-            pushes = Pushes(loaded, self.case.some(rows).wrenches, sited=True)
-            at = (self.q[rows], self.twists[rows])
-            links = loaded.sites.some([loaded.sites.names.index(f"link:{joint.name}") for joint in moving])
-            pushed = pushes.links, pushes.wrenches(*at), NO_CHANGES
-            loads = responded(loaded.sited_tree, ("loads",), *at, sites=links, pushed=pushed)["loads"]
+
+        def links(loaded: LoadedArm) -> Frames:
+            return loaded.sites.some([loaded.sites.names.index(f"link:{joint.name}") for joint in moving])
+
+        for rows, loads in self._asked("loads", links):
             found[rows] = np.einsum("nja,ja->nj", loads, axes)
         for i in self._others:
             found[i] = self.row(i).drive_loads
@@ -640,16 +626,8 @@ class DeflectionBatch(_Result[Array]):
                 if all(part is None for part in parts):
                     continue
                 known = True
-                if not loaded.tied:
-                    laws = RowLaws(self.arm.stack, row)
-                    if laws.curved:
-                        laws.expand(wrenches)
-                    at = Solution(self.displacement[rows], wrenches, self.twists[rows])
-                    gains, distance = RowSolver(loaded, case.wrenches).linearise(row, laws, at, np.arange(len(rows)))
-                    left[rows] = ~(distance < 1.0)
-                else:
-                    carried = (loaded.payload,) * len(rows)
-                    gains = respond(self.arm, case.q, carried, case.covariates, True, case.wrenches).laws
+                carried = (loaded.payload,) * len(rows)
+                gains = respond(self.arm, case.q, carried, case.covariates, True, case.wrenches).laws
                 for i, part in enumerate(parts):
                     if part is not None:
                         found[rows] += gains[:, :, i] @ part @ np.swapaxes(gains[:, :, i], 1, 2)
@@ -702,12 +680,14 @@ class DeflectionBatch(_Result[Array]):
             if flags:
                 yield i, flags
 
-    @property
-    def _compiled(self) -> Iterator[tuple[LoadedArm, np.ndarray]]:
-        """The arm with each payload, and its rows, where arrays have a quick way."""
-        return (
-            by_payload(self.arm, self.payloads, len(self.q)) if self.asked.together(self.arm, self.case) else iter(())
-        )
+    def _asked(self, what: str, of: Callable[[LoadedArm], Frames]) -> Iterator[tuple[np.ndarray, Array]]:
+        """Yield rows and what the engine says of frames of the arm there, where arrays have a quick way."""
+        for loaded, carrying in () if self._others else by_payload(self.arm, self.payloads, len(self.q)):
+            for rows in in_pieces(carrying, PIECE):
+                pushes, frames = Pushes(loaded, self.case.some(rows).wrenches), of(loaded)
+                at = self.q[rows], self.twists[rows]
+                pushed = (pushes.links, pushes.wrenches(*at), NO_CHANGES)
+                yield rows, responded(loaded.tree, (what,), *at, sites=frames, bodies=frames, pushed=pushed)[what]
 
     @property
     def _others(self) -> range:
@@ -736,26 +716,21 @@ def deflect_batch(
     check_rows(case.wrenches, len(q))
     case = LoadCase(q, v, a, case.wrenches, case.covariates)
     arm.loaded(None).flags_under(case.wrenches, moves=False)  # raises where a link is not the arm's
-    here = asked.together(arm, case)
-    answers = Solution.empty(len(q), len(arm.sites), wrenches=not here)
-    found = DeflectionBatch(
-        arm, payloads, case, asked, answers.displacement, answers.twists, answers.wrenches, answers.load_factor, {}
-    )
+    here, alone = asked.together(arm, case), jobs in (None, 1) or arm.loaded(None).tied
+    answers = Solution.empty(arm.loaded(None).tree, len(q), loads=not here)
     pieces = [slice(start, start + PIECE) for start in range(0, len(q), PIECE)]
     rooms = [answers.some(rows) for rows in pieces]
-    # Compiled code runs side by side in threads, Pinocchio does not.
-    alone = jobs in (None, 1) or arm.loaded(None).tied
     tasks = []
     for rows, room in zip(pieces, rooms, strict=True):
         carried = payloads if len(payloads) == 1 else payloads[rows]
-        into = room if alone or here else None
-        kept = found.solved if alone else {}  # another process has no use for it
-        tasks.append(partial(_answer, arm, carried, case.some(rows), asked, rows.start, into, kept))
+        into = room if alone or here else None  # compiled code runs side by side in threads, Pinocchio does not
+        tasks.append(partial(_answer, arm, carried, case.some(rows), asked, rows.start, into))
     done = (task() for task in tasks) if alone else in_order(tasks, jobs, threads=here)
     for room, part in zip(rooms, done, strict=True):
         for into, values in zip(room, part, strict=True):
             if values is not into:
                 into[:] = values
+    found = DeflectionBatch(arm, payloads, case, asked, *answers)
     if asked.strict and found.first_unseen is not None:
         number, flags = found.first_unseen
         raise ExtrapolationError(f"row {number}: " + "; ".join(flag.text for flag in flags))
@@ -764,55 +739,35 @@ def deflect_batch(
 
 @np.errstate(over="ignore", invalid="ignore")  # a row that runs away is not fine, and is asked alone
 def _answer(
-    arm: Structure,
-    payloads: tuple,
-    case: LoadCase,
-    asked: Asked,
-    first: int,
-    room: Solution | None,
-    kept: dict[int, Equilibrium],
+    arm: Structure, payloads: tuple, case: LoadCase, asked: Asked, first: int, room: Solution | None
 ) -> Solution:
-    """Return the answers in some rows, from row `first` on; in a room for them where there is one.
+    """Return the answers in some rows, from row `first` on; in a room for them where there is one."""
+    count, tied, left = len(case.q), arm.loaded(None).tied, np.ones(len(case.q), dtype=bool)
+    found = room or Solution.empty(arm.loaded(None).tree, count, loads=not asked.together(arm, case))
 
-    The equilibria of mechanisms that are asked one by one are added to those kept.
-    """
-    n, count = len(arm.sites), len(case.q)
-    here, left = asked.together(arm, case), np.ones(count, dtype=bool)
-    found = room or Solution.empty(count, n, wrenches=not here)
-    for loaded, rows in by_payload(arm, payloads, count) if here else ():
-        for some in chunks(rows, AT_ONCE):
-            part, into = case.some(some), found.some(some)
-            solver = RowSolver(loaded, part.wrenches)
-            row = loaded.row(part.q, part.covariates)
-            laws = RowLaws(arm.stack, row)
-            if solver.needs_wrenches(laws):
-                into = into._replace(wrenches=np.empty_like(into.twists))
-            fine = solver.solve(row, laws, into)
-            left[some] = ~solver.proven(row, laws, into, solver.bound, fine)
-            if not isinstance(some, slice):
-                found.displacement[some], found.twists[some] = into.displacement, into.twists
-
-    def alone(i: int) -> None:
+    def alone(i: int) -> Rest:
         with naming(f"row {first + i}"):
             checked, flags = arm.check_position(case.q[i], asked.enforce_limits)
             loaded = arm.loaded(payloads[0 if len(payloads) == 1 else i])
-            one = deflect(loaded, case.some(i)._replace(q=checked), flags, asked.method, asked.allow_large)
-        found.displacement[i], found.twists[i] = one.displacement, one.twists
-        found.load_factor[i] = one.solved.load_factor
-        if arm.robot.linkage:
-            kept[first + i] = one.solved
-        if not here:
-            found.wrenches[i] = one.wrenches
+            solved = deflect(loaded, case.some(i)._replace(q=checked), flags, asked.method, asked.allow_large).solved
+        found.put(i, solved.rest)
+        found.load_factor[i] = solved.load_factor
+        return solved.rest
 
-    if arm.loaded(None).tied and asked.method == "exact" and not case.moves:
-        for loaded, rows in by_payload(arm, payloads, count):
-            part = case.some(rows)
+    quick = asked.method == "exact" and not case.moves
+    for loaded, rows in by_payload(arm, payloads, count) if quick else ():
+        for some in chunks(rows, AT_ONCE):
+            part, into, numbers = case.some(some), found.some(some), np.arange(count)[some]
             row = loaded.row(part.q, part.covariates)
-            rested = solver_of(loaded, part.wrenches).rest(part.q, row, lambda i, rows=rows: alone(int(rows[i])))
-            some = rows[rested.fine]
-            for into, values in zip(found, (rested.displacement, rested.loads, rested.twists), strict=False):
-                into[some] = values[rested.fine]
-        left[:] = False
+            if tied:
+                solver = solver_of(loaded, part.wrenches)
+                fine = solver.rest(part.q, row, into, lambda i, numbers=numbers: alone(int(numbers[i]))).fine
+            else:
+                fine = RowSolver(loaded, part.wrenches).rest(row, into)
+            left[some] = ~fine
+            for values, own in () if isinstance(some, slice) else zip(found, into, strict=True):
+                if len(values):
+                    values[some] = own
     for i in np.flatnonzero(left).tolist():
         alone(i)
     return found

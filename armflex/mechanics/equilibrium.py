@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -22,11 +23,12 @@ from armflex.errors import (
     UnstableEquilibriumError,
     did_you_mean,
 )
+from armflex.laws import Row
 from armflex.mechanics.certificate import SHARE
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.loop_rows import LoopSolver, solver_of
 from armflex.mechanics.many_rows import OneChain
-from armflex.mechanics.mechanism import Rest
+from armflex.mechanics.mechanism import Placed, Rest
 from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.rows.wrench import Wrench
 
@@ -43,30 +45,40 @@ Quick = OneChain | LoopSolver
 None where the reference must be asked."""
 
 
-class Equilibrium(NamedTuple):
-    """A solved arm, in the order and signs of Pinocchio's flexible model.
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """A solved arm.
 
     Attributes:
         loaded: The arm with its payload.
         case: Where its joints are and what acts.
-        rigid: (nq_model,) configuration [m, rad] with flexures at zero.
-        motion: (size,) exponential coordinates of the flexures, and what joints without a drive do [m, rad].
-        torque: (size,) generalized torque: minus the loads on the flexures and in what closes [N, Nm].
+        rest: Where it rests.
         method: How it was found: "fixed_point", by the engine, or "newton".
         history: Largest residual before each step [m or rad]; the engine does not say.
         load_factor: See `load_factor`; infinite where it is known to be `NEAR` or more.
-        displacement: (6,) of the tip where it was found with the rest, see `Deflection.displacement`.
     """
 
     loaded: LoadedArm
     case: LoadCase
-    rigid: Array
-    motion: Array
-    torque: Array
+    rest: Rest
     method: str
     history: Sequence[float] = ()
     load_factor: float = math.inf
-    displacement: Array | None = None
+
+    @cached_property
+    def row(self) -> Row:
+        """What its laws may know."""
+        return self.loaded.row(self.case.q, self.case.covariates)
+
+    @cached_property
+    def placed(self) -> Placed:
+        """Where it rests in Pinocchio's order."""
+        return self.loaded.mechanics.placed(self.case, self.row, self.rest)
+
+    @cached_property
+    def tangent(self) -> Array:
+        """See `Mechanism.tangent`."""
+        return self.loaded.mechanics.tangent(self.placed)
 
 
 def check_method(method: str) -> None:
@@ -115,9 +127,8 @@ def at_rest(loaded: LoadedArm, case: LoadCase, rest: Rest) -> Equilibrium:
     Raises:
         UnstableEquilibriumError: The arm would leave it.
     """
-    placed = loaded.mechanics.at_rest(case.q, rest)
-    found = Equilibrium(loaded, case, *placed, "fixed_point", displacement=rest.displacement)
-    return found if rest.proven else found._replace(load_factor=_lasting(tangent_of(found)))
+    found = Equilibrium(loaded, case, rest, "fixed_point")
+    return found if rest.proven else replace(found, load_factor=_lasting(found.tangent))
 
 
 @RUNS_AWAY
@@ -127,11 +138,11 @@ def _by_newton(loaded: LoadedArm, case: LoadCase, allow_large: bool) -> Equilibr
     loads = [f"a payload of {loaded.payload.mass:g} kg"] * bool(loaded.payload.mass)
     loads += [f"a force from outside of {pushed:.4g} N"] * bool(pushed)
     mechanics, under = loaded.mechanics, f" under {' and '.join(loads)}" if loads else ""
-    rigid, motion, torque, history = mechanics.rest(case, loaded.row(case.q, case.covariates), under)
-    found = Equilibrium(loaded, case, rigid, motion, torque, "newton", history)
-    found = found._replace(load_factor=_lasting(tangent_of(found)))
+    rest, history = mechanics.rest(case, loaded.row(case.q, case.covariates), under)
+    found = Equilibrium(loaded, case, rest, "newton", history)
+    found = replace(found, load_factor=_lasting(found.tangent))
     if not allow_large:
-        check_small(motion[mechanics.flex.flexure_v], loaded.arm.stack.names)
+        check_small(rest.twists, loaded.arm.stack.names)
     return found
 
 
@@ -148,21 +159,15 @@ def _lasting(tangent: Array) -> float:
     return factor
 
 
-def tangent_of(found: Equilibrium) -> Array:
-    """Return the tangent at an equilibrium: of a chain (6 n, 6 n) `I + C dτ/dtwist`; see `Mechanism.tangent`."""
-    mechanics, row = found.loaded.mechanics, found.loaded.row(found.case.q, found.case.covariates)
-    return mechanics.tangent(mechanics.flexed(found.rigid, found.motion), found.motion, found.torque, found.case, row)
-
-
 @RUNS_AWAY
 def check_small(twists: Array, names: tuple[str, ...]) -> None:
-    """Raise `SmallDisplacementError` where a flexure turned by more than `MAX_ROTATION`."""
-    turns = np.linalg.norm(twists.reshape(-1, 6)[:, 3:], axis=1)
+    """Raise `SmallDisplacementError` where one of (n, 6) twists turns by more than `MAX_ROTATION`."""
+    turns = np.linalg.norm(twists[:, 3:], axis=1)
     if len(turns) and turns.max() > MAX_ROTATION:
         name, most = names[int(turns.argmax())], float(turns.max())
         text = f"flexure {name!r} turns by {most:.3g} rad, more than the {MAX_ROTATION} rad a compliance describes"
         text += ": is its compliance, or a load on it, in another unit?"
-        raise SmallDisplacementError(text, twists.reshape(-1, 6))
+        raise SmallDisplacementError(text, twists)
 
 
 def load_factor(tangent: Array) -> float:

@@ -48,13 +48,6 @@ class LawStack:
             total[..., place, place] = law.tangent(wrenches[..., place], row)
         return total
 
-    def tangents(self, loads: Array, row: Row) -> Array:
-        """Return the (..., n, 6, 6) derivative of every flexure's twist by its load, of (..., n, 6) [m/N, rad/Nm]."""
-        found = np.empty((*loads.shape, 6))
-        for i, law in enumerate(self.laws):
-            found[..., i, :, :] = law.tangent(loads[..., i, :], row)
-        return found
-
     def change_with_position(self, wrenches: Array, row: Row) -> Array:
         """Return the (..., 6 n, nq) derivative of the twists [m, rad] by the joint positions at given loads."""
         change = np.zeros((*wrenches.shape, row.q.shape[-1]))
@@ -221,12 +214,13 @@ class RowLaws:
         self.weights = self._same.weights.copy()
         self.curved: list[tuple[int, Law]] = []
         self._known: dict[int, Array] = {}
+        self._numbers: Laws | None = None
         if row is not None and stack.rows_differ:
             self.know(row)
 
     def know(self, row: Row) -> None:
         """Ask the laws in other rows; the arrays are filled anew, and are others only for another number of rows."""
-        affine, self.curved, self._known = [], [], {}
+        affine, self.curved, self._known, self._numbers = [], [], {}, None
         for i, law in self._stack.asked:
             found = law.affine(row)
             if found is None:
@@ -261,8 +255,11 @@ class RowLaws:
 
     @property
     def numbers(self) -> Laws:
-        """What the engine takes."""
-        return self._same._replace(compliance=self.compliance, offset=self.offset, weights=self.weights)
+        """What the engine takes: the same until the laws are asked in other rows."""
+        if self._numbers is None:
+            parts = {"compliance": self.compliance, "offset": self.offset, "weights": self.weights}
+            self._numbers = self._same._replace(**parts)
+        return self._numbers
 
     def expand(self, loads: Array, slopes: bool = True) -> Array:
         """Expand the curved laws about (N, n, 6) loads; return (N,) by how much their twists there were otherwise.

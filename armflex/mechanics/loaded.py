@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
@@ -18,12 +18,13 @@ from armflex.laws import Row
 from armflex.laws.effects.effect import Manipulator
 from armflex.laws.row import MASS
 from armflex.mechanics.certificate import StabilityBound, bound_stability
+from armflex.mechanics.engine.tables import Frames, Tree
 from armflex.mechanics.laws import LawStack
-from armflex.mechanics.mechanism import Closing, Mechanism
+from armflex.mechanics.mechanism import Mechanism
 from armflex.mechanics.pinocchio_model import FlexModel, Load, build_model, carrying
 from armflex.mechanics.spring import Spring
 from armflex.mechanics.ties import Ties
-from armflex.mechanics.tree import Frames, Tree, frames_of, link_frame, tree_of
+from armflex.mechanics.tree import frames_of, link_frame, tree_of
 from armflex.robot import Corrections, Robot, Site
 from armflex.robot.robot import MILLIMETRES
 from armflex.rows.wrench import Wrench
@@ -311,7 +312,9 @@ class LoadedArm:
             _, joint, _, pose = link_frame(model, flex.frame(name))
             return joint, pose.translation
 
-        bound = bound_stability(model, self.tree.flexures.tolist(), self.arm.stack, ranges, travel, drives, link)
+        carriers = {joint.idx_v: joint.id for joint in model.joints}
+        joints = [carriers[start] for start in flex.flexure_v[::6].tolist()]
+        bound = bound_stability(model, joints, self.arm.stack, ranges, travel, drives, link)
         return bound.under(self.arm.pulls)
 
     @cached_property
@@ -321,14 +324,20 @@ class LoadedArm:
 
     @cached_property
     def tree(self) -> Tree:
-        """The arm as arrays, for the engine."""
-        return self._tree_of(self.flex, lambda mechanics: mechanics.true)
-
-    def _tree_of(self, flex: FlexModel, closing: Callable[[Mechanism], Closing]) -> Tree:
+        """The arm as arrays, for the engine; what is at the tool is an element of its own."""
+        arm, flex = self.arm, self.with_tool
         if not self.tied:
             return tree_of(flex)
-        closed = closing(self.mechanics)
-        return tree_of(flex, closed.ties, closed.offsets)
+        ties = Ties(flex.model, flex.model.createData(), arm.robot.linkage, arm.springs, arm.corrections.geometry)
+        return tree_of(flex, ties, self.mechanics.true.offsets)
+
+    @cached_property
+    def nominal(self) -> Tree | None:
+        """The rigid arm as the controller knows it, as arrays; None where corrections leave it where `tree` is."""
+        if not self.arm.corrections.move:
+            return None
+        closing = self.mechanics.nominal
+        return tree_of(self.rigid, closing.ties, closing.offsets) if self.tied else tree_of(self.rigid)
 
     @cached_property
     def with_tool(self) -> FlexModel:
@@ -340,24 +349,15 @@ class LoadedArm:
         return replace(found, flexure_v=found.flexure_v[:-6])
 
     @cached_property
-    def sited_tree(self) -> Tree:
-        """The same as `tree`, with an element more for what is at the tool."""
-        arm, flex = self.arm, self.with_tool
-        if not self.tied:
-            return tree_of(flex)
-        ties = Ties(flex.model, flex.model.createData(), arm.robot.linkage, arm.springs, arm.corrections.geometry)
-        return tree_of(flex, ties, self.mechanics.true.offsets)
-
-    @cached_property
     def sites(self) -> Frames:
-        """Where twists may be inserted into `sited_tree`, from base to tool.
+        """Where twists may be inserted into `tree`, from base to tool.
 
         A joint's site is outboard of its motion; where it gives it is its last flexure's. A link's is its end: the
         origin frame of the joint there, inboard of its motion, without the offset that calibration found.
         """
         model, arm, here = self.with_tool.model, self.arm, pin.SE3.Identity()
         own = [site for site in arm.sites if site.joint not in arm.robot.linkage.joined]
-        in_tree = [element for element in self.sited_tree.flexures.tolist() if element >= 0]
+        in_tree = [element for element in self.tree.flexures.tolist() if element >= 0]
         pairs = zip(own, in_tree, strict=True)
         last = {site.joint: joint for site, joint in pairs if not site.before}
         base = last.get(None, 0)
@@ -374,7 +374,7 @@ class LoadedArm:
 
     @cached_property
     def link_frames(self) -> Frames:
-        """The links at and beyond the base, in `sited_tree`."""
+        """The links at and beyond the base, in `tree`."""
         flex = self.with_tool
         return frames_of([link_frame(flex.model, flex.frame(link)) for link in flex.links])
 
@@ -382,22 +382,9 @@ class LoadedArm:
     def flexure_frames(self) -> Frames:
         """The frames that the flexures move, in their order, and the tip last, in `tree`."""
         chain = self.tree
-        elements = np.append(chain.flexures, chain.kinds.shape[1] - 1)
+        elements = np.append(chain.flexures, int(chain.elements[-1, 15]))
         same = np.tile(np.append(np.eye(3).ravel(), np.zeros(3)), (len(chain.flexures), 1))
         return Frames((), np.array([elements, elements]), np.concatenate([same, chain.elements[-1:, :12]]))
-
-    @cached_property
-    def plain_link_frames(self) -> Frames:
-        """The same in `tree`."""
-        flex = self.flex
-        return frames_of([link_frame(flex.model, flex.frame(link)) for link in flex.links])
-
-    @cached_property
-    def nominal(self) -> Tree | None:
-        """The rigid arm as the controller knows it, as arrays; None where corrections leave it where `tree` is."""
-        if not self.arm.corrections.move:
-            return None
-        return self._tree_of(self.rigid, lambda mechanics: mechanics.nominal)
 
     def row(self, q: Array, covariates: Mapping[str, Array]) -> Row:
         """Return what the laws may know at (nq,) or (N, nq) positions [rad or m]."""

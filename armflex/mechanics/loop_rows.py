@@ -18,10 +18,10 @@ from armflex.conventions import Array
 from armflex.errors import ClosureError
 from armflex.laws import Row
 from armflex.mechanics.engine.binding import Engine, OneRest
-from armflex.mechanics.engine.tables import GEAR, NO_CHANGES, ROD, SLIDES, TURNS, Laws, Tree
+from armflex.mechanics.engine.tables import GEAR, NO_CHANGES, ROD, SLIDES, TURNS, Tree
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
-from armflex.mechanics.many_rows import NOT_PUSHED, ManyRows, Pushes, State, displaced_from, tips_of
+from armflex.mechanics.many_rows import NOT_PUSHED, Pushes, Solution, displaced_from, tips_of
 from armflex.mechanics.mechanism import Closing, Rest
 from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.rows.wrench import Wrench, same_objects
@@ -41,40 +41,42 @@ class Rested(NamedTuple):
     idle: Array
     fine: np.ndarray
 
+    @classmethod
+    def empty(cls, tree: Tree, count: int, into: Solution | None = None) -> Rested:
+        """Return room for N rows, that of a solution where there is one."""
+        p, n, m = tree.passive, len(tree.flexures), len(tree.rows)
+        shapes = {"closed": (p,), "tips": (4, 4), "flexed": (p,), "twists": (n, 6), "loads": (n, 6), "forces": (m,)}
+        shapes |= {"displacement": (6,), "distance": (), "idle": (m, m)}
+        given = {} if into is None else into._asdict()
+        arrays = [given[name] if name in given else np.empty((count, *shape)) for name, shape in shapes.items()]
+        return cls(*arrays, fine=np.zeros(count, dtype=bool))
+
 
 class LoopSolver:
-    """One thread's compiled mechanism under some loads; see `Quick`."""
+    """One thread's compiled mechanism under some loads; see `Quick`. `pushes` are those."""
 
     def __init__(self, loaded: LoadedArm, wrenches: Sequence[Wrench] = ()) -> None:
-        mechanics = loaded.mechanics
-        true, self._controlled = mechanics.true, mechanics.nominal
-        self._closing = true if loaded.arm.corrections.move else self._controlled
-        self._loaded, self._mechanics, self._pushes = loaded, mechanics, Pushes(loaded, wrenches)
-        self._laws = RowLaws(loaded.arm.stack)
-        self._tree, self._nominal = loaded.tree, loaded.nominal
-        m, self._differs = len(self._tree.rows), loaded.arm.stack.rows_differ
-        self._idle = np.zeros((m, m))
-        self._same: Laws | None = None
-        self._engine, self._rigid = Engine(self._tree), self._nominal and Engine(self._nominal)
-        self._single = self._room(self._tree, 1)
-        self._one = OneRest(self._tree, self._single)
+        stack = loaded.arm.stack
+        self._loaded, self._mechanics, self.pushes = loaded, loaded.mechanics, Pushes(loaded, wrenches)
+        self._laws, self._differs = RowLaws(stack), stack.rows_differ
+        self._tree, self._nominal, self._idle = loaded.tree, loaded.nominal, np.zeros((len(loaded.tree.rows),) * 2)
         self._plain: bool | None = None
+        self._engine, self._rigid = Engine(self._tree), self._nominal and Engine(self._nominal)
+        self._single = Solution.empty(self._tree, 1)
+        self._room = Rested.empty(self._tree, 1, self._single)
+        self._one = OneRest(self._tree, self._room)
 
     def __call__(self, q: Array, covariates: Mapping[str, Array], motion: Array | None = None) -> Rest | None:
         """Return where it rests at (nq,) positions; None beyond its limits, and where the engine does not answer."""
         if motion is not None or not self._loaded.arm.within_limits(q.tolist()):
             return None
-        closing, found, row = self._closing, self._single, self._loaded.row(q, covariates)
+        closing, found, row = self._mechanics.closing, self._single, self._loaded.row(q, covariates)
         last = closing.last if self._nominal is None else None
         if last is not None and self._knows_one(row) and self._one(q, last[1]):
             closing.last = q.copy(), found.closed[0].copy()
-        else:
-            self.rest(q[None], row, into=found)
-            if not found.fine[0]:
-                return None
-        closed, flexed = found.closed[0].copy(), found.flexed[0].copy()
-        twists, loads, forces = found.twists[0].copy(), found.loads[0].copy(), found.forces[0].copy()
-        return Rest(found.displacement[0].copy(), twists, loads, True, closed, flexed, forces)
+        elif not self.rest(q[None], row, found).fine[0]:
+            return None
+        return found.row(0)
 
     def _knows_one(self, row: Row) -> bool:
         """Return whether the engine knows laws and loads in a row, which are given to it where they are others."""
@@ -86,14 +88,12 @@ class LoopSolver:
 
     def _known(self, q: Array, row: Row) -> tuple[tuple, bool]:
         """Return laws, loads and positions for the engine, and whether it knows them."""
-        laws, pushes = self._laws, self._pushes
+        laws, pushes = self._laws, self.pushes
         if self._differs:
             laws.know(row)
         plain = not (laws.curved or laws.bent or pushes.posed)
         loads = pushes.wrenches(q) if plain else NOT_PUSHED[1]
-        numbers = laws.numbers if self._differs or self._same is None else self._same
-        self._same = numbers
-        return (numbers, pushes.links, loads, q), plain
+        return (laws.numbers, pushes.links, loads, q), plain
 
     def _ask(self, engine: Engine, known: tuple, settled: bool, first: int, free: Array, into: Rested) -> int:
         laws, links, wrenches, q = known
@@ -104,24 +104,22 @@ class LoopSolver:
         engine.forget()  # the next question is about other rows
         return answered
 
-    def rest(
-        self, q: Array, row: Row, alone: Callable[[int], None] | None = None, into: Rested | None = None
-    ) -> Rested:
-        """Return where the mechanism rests in some rows.
+    def rest(self, q: Array, row: Row, into: Solution, alone: Callable[[int], Rest] | None = None) -> Rested:
+        """Put into `into` where the mechanism rests in some rows; return that, and what nothing answers to.
 
         Args:
             q: (N, nq) positions of the drives.
             row: What its laws may know there.
+            into: To be filled.
             alone: Asked about each row that is not answered, in its turn; where it is not given no row after it is.
-            into: Arrays to be filled.
         """
-        (known, plain), nominal = self._known(q, row), None
+        (known, plain), nominal, others = self._known(q, row), None, dict[int, Rest]()
 
         def by_itself(into: Rested, i: int) -> bool:
             if alone is not None:
                 if nominal is not None and nominal.fine[i]:
-                    self._controlled.last = q[i].copy(), nominal.closed[i].copy()
-                alone(i)
+                    self._mechanics.nominal.last = q[i].copy(), nominal.closed[i].copy()
+                others[i] = alone(i)
             return alone is not None
 
         def nominally(into: Rested, i: int) -> bool:
@@ -130,14 +128,18 @@ class LoopSolver:
             return True
 
         if self._nominal is not None:
-            room = self._room(self._nominal, len(q))
+            room = Rested.empty(self._nominal, len(q))
             assert self._rigid is not None
-            nominal = self._follow(self._rigid, self._controlled, known, False, True, nominally, room)
-        found = into or self._room(self._tree, len(q))
-        self._follow(self._engine, self._closing, known, True, plain, by_itself, found)
+            nominal = self._follow(self._rigid, self._mechanics.nominal, known, False, True, nominally, room)
+        found = self._room if into is self._single else Rested.empty(self._tree, len(q), into)
+        self._follow(self._engine, self._mechanics.closing, known, True, plain, by_itself, found)
         if nominal is not None:
             found.fine[:] &= nominal.fine
             found.displacement[:] = displaced_from(found.displacement, found.tips, nominal.tips)
+        for i, rest in others.items():
+            idle = self._mechanics.idle(LoadCase(q[i]), row.some(i))
+            into.put(i, rest)
+            found.idle[i], found.fine[i] = idle @ idle.T, True
         return found
 
     def rigid_tips(self, q: Array) -> Array:
@@ -151,25 +153,13 @@ class LoopSolver:
             self._place_rigid(into, i, q)
             return True
 
-        engine, tree = (self._rigid, self._nominal) if self._rigid and self._nominal else (self._engine, self._tree)
-        known = (None, None, None, np.ascontiguousarray(q))
-        return self._follow(engine, self._controlled, known, False, True, alone, self._room(tree, len(q))).tips
+        engine, known = self._rigid or self._engine, (None, None, None, np.ascontiguousarray(q))
+        room = Rested.empty(engine.tree, len(q))
+        return self._follow(engine, self._mechanics.nominal, known, False, True, alone, room).tips
 
     def _place_rigid(self, into: Rested, i: int, q: Array) -> None:
         into.tips[i] = self._mechanics.rigid_tip_pose(q[i]).homogeneous
-        into.closed[i], into.fine[i] = self._controlled.closed(q[i]), True
-
-    def fill(self, into: Rested, i: int, rigid: Array, motion: Array, torque: Array, idle: Array) -> None:
-        """Put where `Mechanism` has row i at rest, and what is idle there, into the arrays."""
-        mechanics, flex = self._mechanics, self._mechanics.flex
-        into.closed[i], into.flexed[i] = rigid[flex.free_q], mechanics.flexed(rigid, motion)[flex.free_q]
-        into.twists[i], into.loads[i] = motion[flex.flexure_v].reshape(-1, 6), -torque[flex.flexure_v].reshape(-1, 6)
-        into.forces[i], into.idle[i] = -mechanics.tied.rows @ torque[mechanics.model.nv :], idle @ idle.T
-
-    def _room(self, tree: Tree, count: int) -> Rested:
-        p, n, m = len(self._mechanics.flex.free_v), len(tree.flexures), len(self._idle)
-        shapes = ((p,), (4, 4), (p,), (n, 6), (n, 6), (m,), (6,), (), (m, m))
-        return Rested(*(np.empty((count, *shape)) for shape in shapes), fine=np.empty(count, dtype=bool))
+        into.closed[i], into.fine[i] = self._mechanics.nominal.closed(q[i]), True
 
     def _follow(
         self,
@@ -204,14 +194,6 @@ class LoopSolver:
             else:
                 at = done + 1
         return into
-
-
-def responding(loaded: LoadedArm, rows: np.ndarray, case: LoadCase, rested: Rested, laws: Laws) -> ManyRows:
-    """Return rows that rest as the engine found, or as `LoopSolver.fill` has them."""
-    state: State = (rested.flexed, rested.forces, rested.idle)
-    tree = loaded.sited_tree
-    pushed = Pushes(loaded, case.wrenches, sited=True).at(case.q, rested.twists, state)
-    return ManyRows(loaded, tree, rows, pushed, laws, state)
 
 
 def solver_of(loaded: LoadedArm, wrenches: tuple[Wrench, ...]) -> LoopSolver:

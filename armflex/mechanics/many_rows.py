@@ -23,12 +23,11 @@ from armflex.laws import Row
 from armflex.laws.row import MASS
 from armflex.mechanics.certificate import SHARE, StabilityBound
 from armflex.mechanics.engine.binding import NO_LINKS, NO_WRENCHES, Engine, OneRow
-from armflex.mechanics.engine.tables import NO_CHANGES, Laws, Tree
+from armflex.mechanics.engine.tables import NO_CHANGES, Frames, Laws, State, Tree
 from armflex.mechanics.laws import LawStack, RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
 from armflex.mechanics.mechanism import Rest
 from armflex.mechanics.pinocchio_model import build_model
-from armflex.mechanics.tree import Frames
 from armflex.parallel import in_pieces
 from armflex.rows.wrench import Wrench, check_rows, same_objects
 
@@ -41,39 +40,53 @@ ROUNDS = 16
 SETTLED = 3e-14
 """Change between two rounds: of all flexures' twists [m, rad], and of a wrench by its size."""
 
-NO_FACTORS = np.zeros(0)
 UNMOVED = np.eye(4)
-NO_FRAMES = Frames((), np.zeros((2, 0), dtype=np.int64), np.zeros((0, 12)))
 
 Pushed = tuple[np.ndarray, Array, Array]
 """Links, (1 or N, L, 9) wrenches and (0 or N, L, 6, 6) changes of them; see `Pushes`."""
 
 NOT_PUSHED: Pushed = (NO_LINKS, NO_WRENCHES, NO_CHANGES)
 
-State = tuple[Array, Array, Array]
-"""(N, p) passive joints, (N, m) forces in closures and (N, m, m) what nothing answers to."""
-
 
 class Solution(NamedTuple):
-    """Where an arm rests in N rows: (N, 6) displacement of the tip, (N, n, 6) wrenches and twists of the flexures.
+    """Where an arm rests in N rows; fields are those of `Rest`, and `load_factor` (N,) as of `Equilibrium`.
 
-    Wrenches of no rows are not asked for: they follow from the twists. `load_factor` (N,) is as of `Equilibrium`.
+    Loads of no rows are not asked for: they follow from the twists.
     """
 
     displacement: Array
-    wrenches: Array
+    loads: Array
     twists: Array
-    load_factor: Array = NO_FACTORS
+    load_factor: Array
+    closed: Array
+    flexed: Array
+    forces: Array
 
     @classmethod
-    def empty(cls, count: int, flexures: int, wrenches: bool = True) -> Solution:
+    def empty(cls, tree: Tree, count: int, loads: bool = True) -> Solution:
         """Return room for the solution in some rows."""
-        loads = np.empty((count if wrenches else 0, flexures, 6))
-        return cls(np.empty((count, 6)), loads, np.empty((count, flexures, 6)), np.full(count, np.inf))
+        n, p, m = len(tree.flexures), tree.passive, len(tree.rows)
+        shapes = (count, 6), (count if loads else 0, n, 6), (count, n, 6), (count,), (count, p), (count, p), (count, m)
+        found = cls(*map(np.empty, shapes))
+        found.load_factor[:] = np.inf
+        return found
 
     def some(self, rows: slice | np.ndarray) -> Solution:
         """Return some of the rows, as views where they are a slice."""
         return Solution(*(part[rows] if len(part) else part for part in self))
+
+    def row(self, i: int) -> Rest:
+        """Return a copy of one of the rows."""
+        displacement, loads, twists, _, closed, flexed, forces = self
+        here = displacement[i].copy(), twists[i].copy(), loads[i].copy()  # one by one: a control loop waits for it
+        return Rest(*here, True, closed[i].copy(), flexed[i].copy(), forces[i].copy())
+
+    def put(self, i: int, rest: Rest) -> None:
+        """Fill one of the rows."""
+        self.displacement[i], self.twists[i], self.closed[i] = rest.displacement, rest.twists, rest.closed
+        self.flexed[i], self.forces[i] = rest.flexed, rest.forces
+        if len(self.loads):
+            self.loads[i] = rest.loads
 
 
 class Pushes:
@@ -91,7 +104,6 @@ class Pushes:
         self,
         loaded: LoadedArm,
         wrenches: Sequence[Wrench] = (),
-        sited: bool = False,
         before: Pushes | None = None,
     ) -> None:
         self._wrenches, self._loads = wrenches, (*wrenches, *loaded.arm.pulls)
@@ -101,8 +113,7 @@ class Pushes:
             self._tree, self._frames = before._tree, before._frames
             self.links, self.posed = before.links, before.posed
         else:
-            self._tree = loaded.sited_tree if sited else loaded.tree
-            frames = loaded.link_frames if sited else loaded.plain_link_frames
+            self._tree, frames = loaded.tree, loaded.link_frames
             self._frames = frames.some([frames.names.index(load.frame) for load in loads])
             elements = self._frames.places[0]
             inboard = [self._tree.flexures_inboard(int(element)) for element in elements]
@@ -177,48 +188,23 @@ def responded(
     what: Collection[str],
     q: Array,
     twists: Array,
-    *,
-    sites: Frames = NO_FRAMES,
-    bodies: Frames = NO_FRAMES,
     laws: Laws | None = None,
     pushed: Pushed = NOT_PUSHED,
-    state: State | None = None,
-    end: Frames | None = None,
-    behind: int = 0,
-    into: Mapping[str, Array] | None = None,
+    **where: Any,
 ) -> dict[str, Array]:
-    """Return what is asked about an arm that is flexed in N rows, all of it in one pass; see `Engine.respond`.
+    """Return what is asked about an arm that is flexed in N rows, all of it in one pass.
 
     Args:
         tree: The arm.
-        what: "poses" (N, b, 4, 4) of bodies; "loads" (N, s, 6) on all that a twist at a site moves, its axes;
-            "distance" (N,), by how much less than 1 the stiffness of a direction may be; or motions of the tip: "laws"
-            (N, 6, n, 6) by a flexure's twist, "per_load" (N, 6, n, 6) by the load on it, "joints" (N, 6, nq),
-            "at_sites" (N, 6, s, 6) by twists there, "motions" (N, b, 6, 6) by wrenches at the origins of bodies.
-        q, twists: (N, nq) and (N, n, 6) of joints and flexures.
-        sites, bodies: Frames of the arm.
+        what, q, twists, where: As of `Engine.respond`.
         laws: Of its flexures; none are needed for poses and loads.
         pushed: What pulls at its links.
-        state: (N, p) passive joints, (N, m) forces in closures and (N, m, m) what nothing answers to; None of a chain.
-        end: The one frame that is meant by the tip, where it is another.
-        behind: How many closures and pins there are behind the sites in s.
-        into: Arrays to be filled, by name; what is not there is made.
     """
-    count, b, s, at = len(q), len(bodies.numbers), len(sites.numbers) + behind, tree.elements[-1, :16]
-    shapes: dict[str, tuple[int, ...]] = {"laws": (6, *twists.shape[1:]), "per_load": (6, *twists.shape[1:])}
-    shapes |= {"joints": (6, q.shape[1]), "at_sites": (6, s, 6), "loads": (s, 6), "distance": ()}
-    shapes |= {"motions": (b, 6, 6), "poses": (b, 4, 4)}
-    given = into or {}
-    found = {name: given[name] if name in given else np.empty((count, *shapes[name])) for name in what}
-    if end is not None:
-        at = np.concatenate([end.numbers[0], np.zeros(3), end.places[0, :1]])
-    loose, forces, idle = state or (np.zeros((count, 0)), np.zeros((count, 0)), np.zeros((count, 0, 0)))
-    rests = np.ascontiguousarray(q), loose, np.ascontiguousarray(twists), forces, idle
     engine = Engine.of(tree)
-    engine.set_loads(*pushed, count)
+    engine.set_loads(*pushed, len(q))
     if laws is not None:
-        engine.set_laws(laws, count)
-    engine.respond(found, (sites.places, sites.numbers), (bodies.places, bodies.numbers), at, rests, behind)
+        engine.set_laws(laws, len(q))
+    found = engine.respond(what, q, twists, **where)
     engine.forget()
     return found
 
@@ -229,7 +215,6 @@ class ManyRows:
 
     Attributes:
         loaded: The arm with the payload.
-        tree: Of it; the tool is an element of its own.
         rows: (M,) their numbers.
         pushed: What pulls at its links.
         laws: Of its flexures there, those that are not known by terms expanded about their loads.
@@ -237,7 +222,6 @@ class ManyRows:
     """
 
     loaded: LoadedArm
-    tree: Tree
     rows: np.ndarray
     pushed: Pushed
     laws: Laws
@@ -253,9 +237,7 @@ class ManyRows:
         links, wrenches, changes = self.pushed
         laws, state = self.laws.some(own, len(self.rows)), self.state
         at_rest = None if state is None else (of(state[0]), of(state[1]), of(state[2]))
-        return ManyRows(
-            self.loaded, self.tree, number[self.rows[own]], (links, of(wrenches), of(changes)), laws, at_rest
-        )
+        return ManyRows(self.loaded, number[self.rows[own]], (links, of(wrenches), of(changes)), laws, at_rest)
 
     @cached_property
     def place(self) -> slice | np.ndarray:
@@ -277,15 +259,15 @@ class ManyRows:
         links, behind = loaded.link_frames, len(linkage.closures) + len(linkage.pins)
         at = None if end is None else links.some([links.names.index(end)])
         frames = {"sites": loaded.sites, "bodies": links, "end": at, "behind": behind, "into": into}
-        return responded(self.tree, what, q, twists, **frames, **self._acting)
+        return responded(loaded.tree, what, q, twists, **frames, **self._acting)
 
     def by_gravity(self, end: str | None, q: Array, twists: Array) -> Array:
         """Return the (M, 6, 3) motion of an end per change of gravity, which acts on the centres of all masses."""
-        elements, links = self.tree.elements[:-1], self.loaded.link_frames
+        elements, links = self.loaded.tree.elements[:-1], self.loaded.link_frames
         at = None if end is None else links.some([links.names.index(end)])
         turns, places = np.tile(np.eye(3).ravel(), (len(elements), 1)), np.arange(len(elements))
         centres = Frames((), np.array([places, places]), np.concatenate([turns, elements[:, 16:19]], axis=1))
-        found = responded(self.tree, ("motions",), q, twists, bodies=centres, end=at, **self._acting)["motions"]
+        found = responded(self.loaded.tree, ("motions",), q, twists, bodies=centres, end=at, **self._acting)["motions"]
         return np.einsum("nfba,f->nba", found[..., :3], elements[:, 15])
 
     @property
@@ -300,17 +282,20 @@ class RowSolver:
         limits: (2, nq) positions between which the bound holds.
     """
 
-    def __init__(self, loaded: LoadedArm, wrenches: Sequence[Wrench] = ()) -> None:
+    def __init__(self, loaded: LoadedArm, wrenches: Sequence[Wrench] = (), before: Pushes | None = None) -> None:
         if loaded.tied:
             raise UnsupportedError("the fixed point knows no springs and no loops: see `loop_rows`")
         self._loaded, self._chain, self._nominal = loaded, loaded.tree, loaded.nominal
-        self.pushes, self._wrenches = Pushes(loaded, wrenches), wrenches
+        self.pushes, self._wrenches = Pushes(loaded, wrenches, before), wrenches
         self.limits = np.array(loaded.arm.bounds)
 
-    def needs_wrenches(self, laws: RowLaws) -> bool:
-        """Return whether loads must be known to solve the rows, or to prove that the arm stays."""
-        plain = not (laws.curved or self.pushes.posed)
-        return not plain or laws.bent or not (self.bound and self.bound.proven)
+    def rest(self, row: Row, into: Solution) -> np.ndarray:
+        """Put into `into` where the arm rests in some rows; return (N,) whether it is proven that it stays there."""
+        laws = RowLaws(self._loaded.arm.stack, row)
+        plain = not (laws.curved or laws.bent or self.pushes.posed) and bool(self.bound and self.bound.proven)
+        if not (plain or len(into.loads)):  # to solve the rows, or to prove that the arm stays
+            into = into._replace(loads=np.empty_like(into.twists))
+        return self.proven(row, laws, into, self.bound, self.solve(row, laws, into))
 
     @cached_property
     def bound(self) -> StabilityBound | None:
@@ -340,11 +325,11 @@ class RowSolver:
         pushed = self.pushes.wrenches(q)
         self._run(q, laws, pushed, into, motion, exact=False)  # for the loads on the rigid arm
         if laws.curved:
-            laws.expand(into.wrenches)
+            laws.expand(into.loads)
         fine, converged = self._run(q, laws, pushed, into, motion), np.zeros(len(q), dtype=bool)
         for _ in range(ROUNDS):
             # What is too large is left alone: here it would only make numbers that overflow.
-            twists, wrenches = (np.where(fine[:, None, None], part, 0.0) for part in (into.twists, into.wrenches))
+            twists, wrenches = (np.where(fine[:, None, None], part, 0.0) for part in (into.twists, into.loads))
             before, pushed = pushed, self.pushes.wrenches(q, twists)
             moved = laws.expand(wrenches, slopes=False) if laws.curved else 0.0
             converged |= (moved <= SETTLED) & (turned(before, pushed) <= SETTLED)
@@ -360,7 +345,7 @@ class RowSolver:
         engine.set_laws(laws.numbers, len(q))
         engine.set_loads(self.pushes.links, pushed, NO_CHANGES, len(q))
         engine.set_motion(motion, len(q))
-        loads = into.wrenches if len(into.wrenches) or not len(q) else None
+        loads = into.loads if len(into.loads) or not len(q) else None
         engine.rest_chain(q, exact, into.displacement, loads, into.twists, fine)
         engine.forget()
         return fine
@@ -379,28 +364,16 @@ class RowSolver:
         if bound is not None:
             proven = fine & within(row.q, *self.limits)
             if not bound.proven:
-                proven &= bound.stays(found.wrenches.reshape(len(proven), -1), laws.tangent)
+                proven &= bound.stays(found.loads.reshape(len(proven), -1), laws.tangent)
         rest = np.flatnonzero(fine & ~proven)
         if len(rest):
             if laws.curved:
-                laws.expand(np.where(fine[:, None, None], found.wrenches, 0.0))
-            proven[rest] = self.linearise(row, laws, found, rest)[1] <= SHARE
+                laws.expand(np.where(fine[:, None, None], found.loads, 0.0))
+            q, twists, numbers = row.q[rest], found.twists[rest], laws.numbers.some(rest, len(row.q))
+            pushed = self.pushes.some(rest).at(q, twists)
+            answers = responded(self._chain, ("distance",), q, twists, laws=numbers, pushed=pushed)
+            proven[rest] = answers["distance"] <= SHARE
         return proven
-
-    def linearise(self, row: Row, laws: RowLaws, found: Solution, some: np.ndarray) -> tuple[Array, Array]:
-        """Return how the tip responds to changes of the laws in some rows, and how far its tangents are from rigid.
-
-        Args:
-            row, laws, found: As of `solve`.
-            some: (M,) numbers of the rows.
-
-        Returns:
-            (M, 6, n, 6), and (M,) norms of the tangents less the unit matrix: below 1 is a proof that it is stable.
-        """
-        q, twists, numbers = row.q[some], found.twists[some], laws.numbers.some(some, len(row.q))
-        pushed = self.pushes.some(some).at(q, twists)
-        answers = responded(self._chain, ("laws", "distance"), q, twists, laws=numbers, pushed=pushed)
-        return answers["laws"], answers["distance"]
 
 
 class OneChain:
@@ -415,8 +388,7 @@ class OneChain:
 
     def __init__(self, loaded: LoadedArm) -> None:
         arm, self._loaded, self._wrenches = loaded.arm, loaded, ()
-        self._laws, self._pushes, columns = RowLaws(arm.stack), Pushes(loaded), len(arm.joint_names)
-        self._solver: RowSolver | None = None
+        self._laws, self._rows, columns = RowLaws(arm.stack), RowSolver(loaded), len(arm.joint_names)
         places = {f"q_{name}": place for name, place in arm.joint_index.items()}
         factors = arm.stack.factors(places | {MASS: columns})
         self.names, self._known = (), np.array([loaded.payload.mass])
@@ -430,43 +402,35 @@ class OneChain:
     def under(self, wrenches: tuple[Wrench, ...]) -> OneChain:
         """Return it under loads from outside."""
         if not same_objects(self._wrenches, wrenches):
-            self._wrenches, self._solver = wrenches, None
-            self._pushes = Pushes(self._loaded, wrenches, before=self._pushes)
+            self._wrenches, self._rows = wrenches, RowSolver(self._loaded, wrenches, self._rows.pushes)
             self._push()
         return self
 
     def _push(self) -> None:
-        self._settled, self._proven = not self._pushes.posed, self._stays_by_bound(None)
-        certain = self._settled and self._proven and not self._moved
-        self.quick = self._solve.quick if certain and self._solve is not None else None
-        if self._settled and self._solve is not None:
-            self._solve.set_loads(self._pushes.links, self._pushes.same)
-
-    def _stays_by_bound(self, motion: Array | None) -> bool:
-        bound = self._loaded.stability_bound
-        return bound is not None and bound.proven_under(self._wrenches, motion)
-
-    @property
-    def _rows(self) -> RowSolver:
-        if self._solver is None:
-            self._solver = RowSolver(self._loaded, self._wrenches)
-        return self._solver
+        pushes = self._rows.pushes
+        self._one = None if pushes.posed else self._solve
+        self.quick = self._one.quick if self._one and self._by_bound(None) and not self._moved else None
+        if self._one is not None:
+            self._one.set_loads(pushes.links, pushes.same)
 
     def __call__(self, q: Array, covariates: Mapping[str, Array], motion: Array | None = None) -> Rest | None:
         """Return where it rests at (nq,) positions; None beyond its limits, and where the fixed point is none.
 
         `motion` is (2, nq) speeds and accelerations, None where it stands.
         """
-        if self._solve is None or not self._settled:
+        if self._one is None:
             return self._in_rounds(q, covariates, motion)
-        found = self._solve(q, motion) if self.knows(covariates) else None
+        found = self._one(q, motion) if self.knows(covariates) else None
         if found is None:
             return None
         displacement, twists, loads = found
-        if motion is not None:
-            proven = self._stays_by_bound(motion)
-        else:
-            proven = self._proven or self._stays(q, covariates, Solution(displacement[None], loads[None], twists[None]))
+        proven = self._by_bound(motion)
+        if motion is None and not proven:
+            row, rest = self._loaded.row(q[None], covariates), Solution.empty(self._loaded.tree, 1)
+            rest.twists[0], rest.loads[0] = twists, loads
+            if self._loaded.arm.stack.rows_differ:
+                self._laws.know(row)
+            proven = bool(self._rows.proven(row, self._laws, rest, self._rows.bound, np.ones(1, dtype=bool))[0])
         if self._moved:
             self._moved(q, displacement)
         return Rest(displacement, twists, loads, proven)
@@ -479,24 +443,18 @@ class OneChain:
             self._known[place] = covariates[name]
         return True
 
-    def _stays(self, q: Array, covariates: Mapping[str, Array], found: Solution) -> bool:
-        row = self._loaded.row(q[None], covariates)
-        if self._loaded.arm.stack.rows_differ:
-            self._laws.know(row)
-        return bool(self._rows.proven(row, self._laws, found, self._rows.bound, np.ones(1, dtype=bool))[0])
+    def _by_bound(self, motion: Array | None) -> bool:
+        return bool(self._rows.bound and self._rows.bound.proven_while(motion))
 
     @np.errstate(over="ignore", invalid="ignore")
     def _in_rounds(self, q: Array, covariates: Mapping[str, Array], motion: Array | None) -> Rest | None:
-        row, arm = self._loaded.row(q[None], covariates), self._loaded.arm
-        laws, found = RowLaws(arm.stack, row), Solution.empty(1, len(arm.sites))
-        fine = self._rows.solve(row, laws, found, None if motion is None else motion[None])
+        row, arm, rows = self._loaded.row(q[None], covariates), self._loaded.arm, self._rows
+        laws, found = RowLaws(arm.stack, row), Solution.empty(self._loaded.tree, 1)
+        fine = rows.solve(row, laws, found, None if motion is None else motion[None])
         if not (fine[0] and arm.within_limits(q.tolist())):
             return None
-        if motion is not None:
-            proven = self._stays_by_bound(motion)
-        else:
-            proven = bool(self._rows.proven(row, laws, found, self._rows.bound, fine)[0])
-        return Rest(found.displacement[0], found.twists[0], found.wrenches[0], proven)
+        stays = self._by_bound(motion) or (motion is None and rows.proven(row, laws, found, rows.bound, fine)[0])
+        return found.row(0)._replace(proven=bool(stays))
 
 
 def _from_nominal(loaded: LoadedArm) -> Callable[[Array, Array], None]:
@@ -603,7 +561,7 @@ def drawn_displacements(
     for some in chunks(np.arange(len(rows)), AT_ONCE):
         given = {name: values[some] if values.ndim else values for name, values in known.items()}
         row = loaded.row(rows[some], given)
-        into = Solution.empty(len(row.q), len(arm.sites))
+        into = Solution.empty(loaded.tree, len(row.q))
         for number, stack in enumerate(stacks):
             laws = RowLaws(stack, row)
             fine = solver.solve(row, laws, into)

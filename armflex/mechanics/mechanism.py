@@ -292,7 +292,7 @@ class Linear:
 
 
 class Rest(NamedTuple):
-    """One configuration at rest, as the engine found it.
+    """One configuration at rest.
 
     Attributes:
         displacement: (6,) of the tip [m, rad].
@@ -309,6 +309,25 @@ class Rest(NamedTuple):
     closed: Array = NONE
     flexed: Array = NONE
     forces: Array = NONE
+
+
+class Placed(NamedTuple):
+    """Where an arm rests in Pinocchio's order; see the head of this file.
+
+    Attributes:
+        case, row: What acts, and what its laws may know.
+        rigid: (nq_model,) configuration [m, rad] with the loops closed and no flexure giving.
+        motion: (size,) from there: of flexures exponential coordinates [m, rad].
+        torque: (size,) minus the loads on the flexures and in what closes [N, Nm]; joints of the tree have none.
+        configuration: (nq_model,) where it is [m, rad].
+    """
+
+    case: LoadCase
+    row: Row
+    rigid: Array
+    motion: Array
+    torque: Array
+    configuration: Array
 
 
 class _Residual(NamedTuple):
@@ -355,16 +374,16 @@ class Mechanism:
         placed = flex.q_index, flex.free_q, nq + flex.free_v, nq + places, nq + flex.size + places
         self._placed, self._slots = np.concatenate(placed), -self.tied.rows.T
 
-    def at_rest(self, q: Array, rest: Rest) -> tuple[Array, Array, Array]:
-        """Return what `rest` does of what the engine found, but for its history and the torque of joints."""
+    def placed(self, case: LoadCase, row: Row, rest: Rest) -> Placed:
+        """Return where an arm rests in Pinocchio's order."""
         whole = self._blank.copy()
-        closed, driven = rest.closed, q[: len(self.flex.q_index)]
+        closed, driven = rest.closed, case.q[: len(self.flex.q_index)]
         parts = driven, closed, rest.flexed - closed, rest.twists.ravel(), -rest.loads.ravel()
         whole[self._placed] = np.concatenate(parts)
-        torque = whole[self._ends[1] :]
+        rigid, motion, torque = np.split(whole, self._ends)
         if len(rest.forces):
             torque[self.model.nv :] = self._slots @ rest.forces
-        return whole[: self._ends[0]], whole[self._ends[0] : self._ends[1]], torque
+        return Placed(case, row, rigid, motion, torque, self.flexed(rigid, motion))
 
     def closed(self, q: Array) -> Array:
         """Return (p,) positions of the joints without a drive, the arm as calibrated, nothing giving [rad or m]."""
@@ -400,11 +419,10 @@ class Mechanism:
         pin.computeJointJacobians(self.model, self.data, configuration)
         return self.tied.sprung()[0]
 
-    def rest(self, case: LoadCase, row: Row, under: str = "") -> tuple[Array, Array, Array, tuple[float, ...]]:
-        """Return where the arm comes to rest: by Newton's method with damped steps, on all of it together.
+    def rest(self, case: LoadCase, row: Row, under: str = "") -> tuple[Rest, tuple[float, ...]]:
+        """Return where the arm comes to rest, by Newton's method with damped steps on all of it together.
 
-        That is its (nq_model,) configuration with the loops closed and no flexure giving, and from there its (size,)
-        motion and torque, see the head of this file; and the largest residual before each step.
+        Beside it stands the largest residual before each step.
 
         Args:
             case: Where the drives are and what acts.
@@ -427,7 +445,11 @@ class Mechanism:
             if here.largest <= TOLERANCE and (last <= POLISHED or exact):
                 if np.abs(here.unclosed).max(initial=0.0) > ALIGNED:
                     raise self.true.unclosed(case.q, here.unclosed)
-                return rigid, here.motion, here.torque, tuple(history)
+                places, free, ends = self.flex.flexure_v, self.flex.free_q, (rigid, here.configuration)
+                twists, loads = here.motion[places].reshape(-1, 6), -here.torque[places].reshape(-1, 6)
+                displacement = self.displacement(here.configuration, case.q)
+                closed, flexed = (end[free] for end in ends)
+                return Rest(displacement, twists, loads, True, closed, flexed, forces), tuple(history)
             bodily = self.exponential_jacobian(here.motion)
             matrix, _, scale, _ = self._matrix(here.configuration, bodily, here.torque, here.ways, case, row, idle)
             left = here.left.copy()
@@ -538,20 +560,10 @@ class Mechanism:
             self._yielding = _range(tangent[np.ix_(own, own)]), _range(self._closing(tangent))
         return self._yielding
 
-    def linear(
-        self, configuration: Array, motion: Array, torque: Array, case: LoadCase, row: Row, idle: Array | None = None
-    ) -> Linear:
-        """Return how the mechanism answers about where it rests.
-
-        Args:
-            configuration: (nq_model,) where it rests.
-            motion, torque: (size,) see `rest`.
-            case: What acts.
-            row: What its laws may know.
-            idle: See `idle`, where it is known.
-        """
+    def linear(self, at: Placed, idle: Array | None = None) -> Linear:
+        """Return how the mechanism answers about where it rests; `idle` as of `idle`, where that is known."""
         given, free, nv, places = self.given, self.flex.free_v, self.model.nv, self.flex.flexure_v
-        matrix, _, scale, turned, ways, bodily = self._about(configuration, motion, torque, case, row, idle)
+        matrix, _, scale, turned, ways, bodily = self._about(at, idle)
         t, p = len(given), len(free)
         inverse = np.linalg.inv(matrix)[: t + p]
         inverse[:t] = bodily @ inverse[:t]
@@ -559,34 +571,31 @@ class Mechanism:
         own, moved = self._of_tree_places, np.concatenate([given, free])
         by_gap, by_load, by_law = np.zeros((nv, len(ways))), np.zeros((nv, nv)), np.zeros((nv, len(places)))
         by_gap[moved] = inverse[:, t + p :]
-        by_load[np.ix_(moved, given)] = inverse[:, :t] @ self._compliance(torque, row)[np.ix_(own, own)]
+        by_load[np.ix_(moved, given)] = inverse[:, :t] @ self._compliance(at.torque, at.row)[np.ix_(own, own)]
         by_load[np.ix_(moved, free)] = inverse[:, t : t + p]
         by_law[np.ix_(moved, own)] = inverse[:, :t]
         closed = np.flatnonzero(places >= nv)
         by_law[:, closed] = by_gap @ self.tied.rows[:, places[closed] - nv]
         return Linear(by_law, by_load, by_gap, ways, turned, bodily, self.tied.rows, self.true.lengths)
 
-    def tangent(self, configuration: Array, motion: Array, torque: Array, case: LoadCase, row: Row) -> Array:
+    def tangent(self, at: Placed) -> Array:
         """Return what its loads make of the mechanism without them, of eigenvalues above zero where it stays.
 
-        Arguments are as of `linear`.
+        Of a chain it is (6 n, 6 n) `I + C dτ/dtwist`.
         """
-        matrix, base, *_ = self._about(configuration, motion, torque, case, row)
+        matrix, base, *_ = self._about(at)
         return np.array(np.linalg.solve(base, matrix), dtype=float) if self.linkage else matrix
 
-    def _about(
-        self, configuration: Array, motion: Array, torque: Array, case: LoadCase, row: Row, idle: Array | None = None
-    ) -> tuple[Array, Array, float, Array, Array, Array]:
+    def _about(self, at: Placed, idle: Array | None = None) -> tuple[Array, Array, float, Array, Array, Array]:
         """Return what `_matrix` does where the mechanism rests, and `Linear.ways` and `bodily`."""
-        idle = self.idle(case, row) if idle is None else idle
-        ways = self.true.gaps(case.q, configuration)[1]
-        bodily = self.exponential_jacobian(motion)
-        return *self._matrix(configuration, bodily, torque, ways, case, row, idle), ways, bodily
+        idle = self.idle(at.case, at.row) if idle is None else idle
+        ways, bodily = self.true.gaps(at.case.q, at.configuration)[1], self.exponential_jacobian(at.motion)
+        return *self._matrix(at.configuration, bodily, at.torque, ways, at.case, at.row, idle), ways, bodily
 
-    def held(self, configuration: Array, case: LoadCase, torque: Array) -> Array:
-        """Return the (nv,) torque with the forces in closures that a (size,) torque has."""
-        tree = self.load(case)(configuration)
-        return tree - self.tied.place(configuration)[1].T @ (self.tied.rows @ torque[self.model.nv :])
+    def held(self, at: Placed) -> Array:
+        """Return the (nv,) torque with which drives hold it, forces in closures included."""
+        tree = self.load(at.case)(at.configuration)
+        return tree - self.tied.place(at.configuration)[1].T @ (self.tied.rows @ at.torque[self.model.nv :])
 
     def lengths(self, configuration: Array) -> Array:
         """Return (n_cylinders,) lengths between the pins [m]."""
@@ -682,12 +691,9 @@ class Mechanism:
             forces[owner.parentJoint] = forces[owner.parentJoint] + owner.placement.act(local)
         return forces
 
-    def joint_loads(self, configuration: Array, case: LoadCase, torque: Array) -> Array:
-        """Return the (nq, 6) wrench on the structure at every joint, in the joint's child frame [N, Nm].
-
-        Of a cylinder it is its tension along x. `torque` is (size,), see `rest`.
-        """
-        v, a = self._velocities(case)
+    def joint_loads(self, at: Placed) -> Array:
+        """Return the (nq, 6) wrench on the structure at every joint, in its child frame [N, Nm]; see `Deflection`."""
+        (v, a), case, configuration, torque = self._velocities(at.case), at.case, at.configuration, at.torque
         forces, slots = self._forces(configuration, (*case.wrenches, *self.pulls)), -torque[self.model.nv :]
         if self.tied:
             self.tied.place(configuration)

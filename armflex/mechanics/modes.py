@@ -27,7 +27,6 @@ import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, UnstableEquilibriumError
-from armflex.laws import Row
 from armflex.mechanics.equilibrium import Equilibrium
 from armflex.mechanics.loaded import Names
 from armflex.mechanics.pinocchio_model import frame_jacobian
@@ -109,16 +108,14 @@ def modes_of(found: Equilibrium, count: int, damping: float | None, driven: bool
         UrdfError: Moments of inertia are such as no body has.
         UnstableEquilibriumError: The arm would not stay at the equilibrium.
     """
-    loaded, mechanics, case = found.loaded, found.loaded.mechanics, found.case
+    loaded, mechanics = found.loaded, found.loaded.mechanics
     arm, places = loaded.arm, mechanics.flex.flexure_v
     if count < 1:
         raise InputError(f"count is {count}, expected 1 mode or more")
     if not len(places):
         raise InputError("the arm declares no flexure: it is rigid, and does not swing")
     arm.robot.check_motion()
-    configuration = mechanics.flexed(found.rigid, found.motion)
-    torque = found.torque
-    row = loaded.row(case.q, case.covariates)
+    configuration, torque, row = found.placed.configuration, found.placed.torque, found.row
     compliance = arm.stack.tangent(-torque[places], row)
     whole = pin.crba(mechanics.model, mechanics.data, configuration)
     for number, more in loaded.arm.distributed.items():  # links that bend along their length
@@ -128,7 +125,7 @@ def modes_of(found: Equilibrium, count: int, damping: float | None, driven: bool
         both[:6, own], both[6:] = 0.0, np.eye(both.shape[1])[own]
         whole += both.T @ more @ both
     root, owner = _root(compliance)
-    turned, right, left, (free, bent), softened, by_drive = _allowed(found, configuration, root, row)
+    turned, right, left, (free, bent), softened, by_drive = _allowed(found, root)
     stiffness, mass = left.T @ softened @ right, left.T @ whole @ right
     inverse, ways = _slowest(bent.T @ free + stiffness, mass, count)
     ways = free @ ways
@@ -162,11 +159,11 @@ forbids, by twists and by body motions of the flexures; bases of those coordinat
 stiffness; and from (6 n, nq) changes of laws with the drives to the (nv, nq) motion of everything with them."""
 
 
-def _allowed(found: Equilibrium, configuration: Array, root: Array, row: Row) -> Allowed:
+def _allowed(found: Equilibrium, root: Array) -> Allowed:
     """Return what loops allow: joints without a drive follow, and what they cannot follow is forbidden."""
-    mechanics, case, torque = found.loaded.mechanics, found.case, found.torque
-    flex, nv, idle = mechanics.flex, mechanics.model.nv, mechanics.idle(case, row)
-    linear = mechanics.linear(configuration, found.motion, torque, case, row, idle)
+    mechanics = found.loaded.mechanics
+    flex, nv, idle = mechanics.flex, mechanics.model.nv, mechanics.idle(found.case, found.row)
+    linear = mechanics.linear(found.placed, idle)
     tree, count = flex.flexure_v < nv, len(flex.flexure_v)
     ways = linear.ways - idle @ (idle.T @ linear.ways)
     answers = np.linalg.pinv(ways[:, flex.free_v])

@@ -94,9 +94,8 @@ class Prepared:
         checked, flags = self._loaded.arm.check_position(q, self._enforced)
         case = LoadCase(checked, wrenches=self._wrenches, covariates=given)
         found = deflect(self._loaded, case, flags, self._method)
-        rest = Rest(found.displacement.copy(), found.twists, found.wrenches)
-        self._last = checked, given, rest
-        return rest.displacement
+        self._last = checked, given, found.solved.rest
+        return found.displacement.copy()
 
     def _workspace(self) -> tuple[Ask, Knows, Quick]:
         """Return the engine with memory of its own, and, of an arm with loops, with its own way along their rows."""

@@ -24,11 +24,9 @@ from armflex.laws import Row
 from armflex.mechanics.equilibrium import MAX_ROTATION, Equilibrium, check_small, find_equilibrium
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
-from armflex.mechanics.loop_rows import responding, solver_of
+from armflex.mechanics.loop_rows import solver_of
 from armflex.mechanics.many_rows import (
-    NOT_PUSHED,
     ManyRows,
-    Pushes,
     RowSolver,
     Solution,
     by_payload,
@@ -169,7 +167,7 @@ class Response:
         if part.loaded.arm.robot.linkage:
             return find_equilibrium(part.loaded, case, allow_large=True)
         rest = Rest(np.zeros(6), self._twists[row], self.flexure_wrenches[row])
-        return Equilibrium(part.loaded, case, *part.loaded.mechanics.at_rest(case.q, rest), "fixed_point")
+        return Equilibrium(part.loaded, case, rest, "fixed_point")
 
     def site(self, name: str) -> Array:
         """Return the (N, 6, 6) motion of the tip per body twist at a site."""
@@ -194,10 +192,8 @@ class Response:
 
 def _room(loaded: LoadedArm, names: Sequence[str], count: int) -> dict[str, Array]:
     """Return arrays for members of the response of an arm in some rows."""
-    n, links, sites = len(loaded.arm.sites), len(loaded.links), len(loaded.site_names)
-    shapes = {"laws": (6, n, 6), "per_load": (6, n, 6), "joints": (6, len(loaded.arm.joint_names))}
-    shapes |= {"twists": (6, sites, 6), "wrenches": (sites, 6), "links": (links, 4, 4), "link_loads": (links, 6, 6)}
-    return {name: np.empty((count, *shapes[name])) for name in names}
+    shapes = loaded.tree.answers(len(loaded.site_names), len(loaded.links))
+    return {name: np.empty((count, *shapes[MEMBERS[name]])) for name in names}
 
 
 def _answer(
@@ -252,8 +248,8 @@ def respond(
         loaded, rows = asked
         own = case.some(rows)
         own = own._replace(wrenches=tuple(one.under(loaded.robot.gravity) for one in own.wrenches))
-        part, found = (_solved_loops if loaded.tied else _solved)(loaded, rows, own, into, allow_large)
-        loads[rows], twists[rows] = found.wrenches, found.twists
+        part, found = _settled(loaded, rows, own, into, allow_large)
+        loads[rows], twists[rows] = found.loads, found.twists
         return part
 
     check_rows(wrenches, len(q))
@@ -274,24 +270,31 @@ def respond(
     return Response(Row(q, arm.joint_index, known), loads, twists.reshape(len(q), 6 * n), *named, parts, case, into)
 
 
-def _solved(
+def _settled(
     loaded: LoadedArm, rows: np.ndarray, case: LoadCase, into: dict[str, Array], allow_large: bool
 ) -> tuple[ManyRows, Solution]:
-    """Return some rows of one payload solved, and put what is asked about them into their rows of `into`."""
-    arm, q, n = loaded.arm, np.ascontiguousarray(case.q), len(loaded.arm.sites)
-    row = loaded.row(q, case.covariates)
-    solver, laws = RowSolver(loaded, case.wrenches), RowLaws(arm.stack, row)
-    found = Solution.empty(len(q), n)
-    left = np.flatnonzero(~solver.solve(row, laws, found))
-    judged = within(q, *solver.limits) & bool(solver.bound and solver.bound.proven)
+    """Return some rows of one payload at rest, and put what is asked about them into their rows of `into`."""
+    q, names, state = np.ascontiguousarray(case.q), loaded.arm.stack.names, None
+    row, found = loaded.row(q, case.covariates), Solution.empty(loaded.tree, len(q))
+    laws, left = RowLaws(loaded.arm.stack, row), np.zeros(0, dtype=int)
+    if loaded.tied:
+
+        def alone(i: int) -> Rest:
+            return find_equilibrium(loaded, case.some(i), "exact", allow_large).rest
+
+        solver, judged = solver_of(loaded, case.wrenches), np.ones(len(q), dtype=bool)
+        state = found.flexed, found.forces, solver.rest(q, row, found, alone).idle
+    else:
+        solver = RowSolver(loaded, case.wrenches)
+        left = np.flatnonzero(~solver.solve(row, laws, found))
+        judged = within(q, *solver.limits) & bool(solver.bound and solver.bound.proven)
     while True:  # what is not proven here is the reference's, which judges it itself
-        _rest(loaded, case, left, found, allow_large)
+        for i in left.tolist():
+            found.put(i, find_equilibrium(loaded, case.some(i), "newton", allow_large).rest)
         judged[left] = True
         if laws.curved:
-            laws.expand(found.wrenches)
-        pushes = Pushes(loaded, case.wrenches, sited=True) if len(solver.pushes.links) else None
-        pushed = NOT_PUSHED if pushes is None else pushes.at(q, found.twists)
-        part = ManyRows(loaded, loaded.sited_tree, rows, pushed, laws.numbers)
+            laws.expand(found.loads)
+        part = ManyRows(loaded, rows, solver.pushes.at(q, found.twists, state), laws.numbers, state)
         distance = _answer(part, None, q, found.twists, into, not judged.all())
         left = np.flatnonzero(~(judged | (distance < 1.0)))
         if not len(left):
@@ -299,35 +302,5 @@ def _solved(
     turns = found.twists[:, :, 3:]
     large = ~(np.einsum("nia,nia->ni", turns, turns) <= MAX_ROTATION**2)
     for i in () if allow_large else np.flatnonzero(large.any(axis=1)):
-        check_small(found.twists[i].ravel(), arm.stack.names)
+        check_small(found.twists[i], names)
     return part, found
-
-
-def _solved_loops(
-    loaded: LoadedArm, rows: np.ndarray, case: LoadCase, into: dict[str, Array], allow_large: bool
-) -> tuple[ManyRows, Solution]:
-    """Return the same of an arm with loops or springs."""
-    solver, row, others = solver_of(loaded, case.wrenches), loaded.row(case.q, case.covariates), {}
-
-    def alone(i: int) -> None:
-        others[i] = find_equilibrium(loaded, case.some(i), "exact", allow_large)
-
-    rested = solver.rest(case.q, row, alone)
-    for i, one in others.items():
-        idle = loaded.mechanics.idle(one.case, loaded.row(one.case.q, one.case.covariates))
-        solver.fill(rested, i, one.rigid, one.motion, one.torque, idle)
-    found, laws = Solution.empty(len(rows), len(loaded.arm.sites)), RowLaws(loaded.arm.stack, row)
-    found.twists[:], found.wrenches[:] = rested.twists, rested.loads
-    if laws.curved:
-        laws.expand(found.wrenches)
-    part = responding(loaded, rows, case, rested, laws.numbers)
-    _answer(part, None, case.q, found.twists, into)
-    return part, found
-
-
-def _rest(loaded: LoadedArm, case: LoadCase, some: np.ndarray, into: Solution, allow_large: bool) -> None:
-    """Put into `into` where the arm rests in some rows, each by itself by the reference."""
-    places = loaded.flex.flexure_v
-    for i in some.tolist():
-        one = find_equilibrium(loaded, case.some(i), "newton", allow_large)
-        into.twists[i], into.wrenches[i] = one.motion[places].reshape(-1, 6), -one.torque[places].reshape(-1, 6)

@@ -240,26 +240,6 @@ class Ties:
         closed = [(one, one.shift(forces[6 * k : 6 * k + 6])) for k, one in enumerate(self.joined)]
         return closed + [(rod, rod.shift([law.tension(at)], law.rate(at))) for rod, law, at in laws]
 
-    def pins(self, forces: Array) -> tuple[Array, Array]:
-        """Return (nv, 6 P) changes of torques and (m, 6 P) of gaps per twist of a pin's frame on its link.
-
-        Pins are those of `Linkage.pins`, twists in the axes of the link. All must have been placed.
-        """
-        jacobian, torques, gaps, row = self._jacobian, [], [], 0
-        for (one, shift), sign in zip(self._shifts(forces)[: len(self.joined)], self._signs, strict=False):
-            closed = one.place()[1]
-            for end, side, change in zip(one.ends, (-1.0, 1.0), (shift.by_first, shift.by_second), strict=True):
-                turn, screw = end.turn @ end.axes, np.zeros((6, 6))
-                screw[:3, :3] = screw[3:, 3:] = turn
-                screw[:3, 3:] = skew(end.here) @ turn
-                torques.append(sign[:, None] * (jacobian.T @ (change @ screw)))
-                gap = np.zeros((len(self.rows), 6))
-                gap[row : row + len(closed)] = side * closed @ screw
-                gaps.append(gap)
-            row += len(closed)
-        nothing = np.zeros((self.model.nv, 0)), np.zeros((len(self.rows), 0))
-        return np.concatenate([nothing[0], *torques], axis=1), np.concatenate([nothing[1], *gaps], axis=1)
-
     def push(self, forces: Array, into: pin.StdVec_Force) -> None:
         """Add what (6 K,) forces in closures, and springs, do to forces on Pinocchio's joints, in their axes."""
         for one, shift in self._shifts(forces):

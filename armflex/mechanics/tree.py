@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
-from armflex.mechanics.engine.tables import COIL, FLEXURE, GAS, GEAR, RIGID, ROD, ROTATED, SLIDES, TURNS, Tree
+from armflex.mechanics.engine.tables import COIL, FLEXURE, GAS, GEAR, RIGID, ROD, ROTATED, SLIDES, TURNS, Frames, Tree
 from armflex.mechanics.pinocchio_model import FlexModel
 from armflex.mechanics.spring import CoilSpring
 from armflex.mechanics.ties import Pin, Ties
@@ -97,26 +96,6 @@ def tree_of(flex: FlexModel, ties: Ties | None = None, offsets: Array | Sequence
     return Tree(
         chain.elements, kinds, chain.parents, carried, numbers, joins, rows, ways, flexures, chain.inertias, *counts
     )
-
-
-@dataclass(frozen=True, eq=False)
-class Frames:
-    """Frames that are fixed to elements of an arm.
-
-    Attributes:
-        names: Of the frames.
-        places: (2, f) the element that each is fixed to, and the first that moves where a twist is inserted at it.
-        numbers: (f, 12) rotation (9) row by row and origin (3) [m] in its element.
-    """
-
-    names: tuple[str, ...]
-    places: np.ndarray
-    numbers: Array
-
-    def some(self, index: Sequence[int]) -> Frames:
-        """Return some of the frames."""
-        places = np.ascontiguousarray(self.places[:, index])  # the engine is compiled for one order
-        return Frames(tuple(self.names[i] for i in index), places, self.numbers[index])
 
 
 def frames_of(frames: Sequence[tuple[str, int, int, pin.SE3]]) -> Frames:

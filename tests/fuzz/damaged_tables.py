@@ -18,7 +18,7 @@ from support.sprung_arm import BALANCER, STRUT, TIE, sprung
 from armflex import Arm
 from armflex.errors import InputError
 from armflex.mechanics.engine import binding
-from armflex.mechanics.engine.tables import Laws, Tree
+from armflex.mechanics.engine.tables import Frames, Laws, Tree
 
 NUMBERS = (np.nan, np.inf, -np.inf, 0.0, -0.0, 1e300, -1e300, 1e-300, 5e-324, 1.0, -1.0, 7.0)
 WHOLES = (-(2**63), 2**63 - 1, -1, 0, 1, 2, 3, 4, 5, 6, 7, 8, 17, 1000, 2**32)
@@ -71,16 +71,12 @@ def ask(tree: Tree, laws: Laws, rng: np.random.Generator) -> None:
         engine.set_motion(None, rows)
         engine.tips(q, np.empty((rows, 4, 4)))
     places = rng.integers(0, len(tree.parents), (2, 2, 3)).astype(np.int64)
-    sites, bodies = [(place.copy(), rng.normal(size=(3, 12))) for place in places]
-    end, behind = tree.elements[-1, :16].copy(), 3 * len(tree.joins)
-    rests = q, into[2], twists, into[5], into[8]
-    shaped = {"laws": (6, n, 6), "per_load": (6, n, 6), "joints": (6, tree.driven), "at_sites": (6, 3 + behind, 6)}
-    shaped |= {"loads": (3 + behind, 6), "motions": (3, 6, 6), "poses": (3, 4, 4), "distance": ()}
+    sites, bodies = [Frames((), place.copy(), rng.normal(size=(3, 12))) for place in places]
+    behind, names = 3 * len(tree.joins), list(tree.answers(0, 0))
+    where = {"sites": sites, "bodies": bodies, "state": (into[2], into[5], into[8]), "behind": behind}
     for _ in range(3):
-        names = rng.permutation(list(shaped))[: rng.integers(1, len(shaped) + 1)]
-        engine.respond(
-            {str(name): np.empty((rows, *shaped[name])) for name in names}, sites, bodies, end, rests, behind
-        )
+        some = rng.permutation(names)[: rng.integers(1, len(names) + 1)]
+        engine.respond([str(name) for name in some], q, twists, **where)
 
 
 def main(library: str, count: int, seed: int) -> None:
@@ -94,7 +90,7 @@ def main(library: str, count: int, seed: int) -> None:
         known = []
         for arm in arms(Path(folder)):
             loaded = arm.loaded(None)
-            known.append((loaded.sited_tree if loaded.tied else loaded.tree, arm.stack.numbers))
+            known.append((loaded.tree, arm.stack.numbers))
             q = arm.position() if loaded.tied else positions(arm, 3)
             arm.deflection(q, allow_large=True)  # as it is
         names = [one.name for one in fields(Tree)]

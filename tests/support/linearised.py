@@ -19,8 +19,9 @@ import pinocchio as pin
 from armflex import Arm, Payload, Wrench
 from armflex.mechanics.equilibrium import Equilibrium, find_equilibrium
 from armflex.mechanics.loaded import LoadedArm
-from armflex.mechanics.mechanism import Mechanism
+from armflex.mechanics.mechanism import Mechanism, Placed
 from armflex.mechanics.pinocchio_model import BASE_AXES, LoadCase, build_model, carrying, frame_jacobian
+from armflex.mechanics.ties import Ties
 from armflex.robot import Site
 
 
@@ -56,10 +57,10 @@ class Linearised:
 
         lengths = 6 * (len(linkage.loops) + np.arange(len(linkage.cylinders)))
         by_law = per_law.reshape(count, 6, -1, 6)
-        wrenches = [-one.torque[flexures].reshape(-1, 6) for one in self.founds]
+        wrenches = [-one.placed.torque[flexures].reshape(-1, 6) for one in self.founds]
         return {
             "flexure_wrenches": np.array(wrenches),
-            "flexure_twists": np.array([one.motion[flexures] for one in self.founds]),
+            "flexure_twists": np.array([one.placed.motion[flexures] for one in self.founds]),
             "laws": by_law,
             "per_load": np.einsum("mbni,mnij->mbnj", by_law, self.tangents),
             "tip": poses[:, place],
@@ -80,16 +81,19 @@ def linearised_rows(arm: Arm, q: np.ndarray, payload: str | Payload, wrenches: S
     probed, probed_v = _probed(loaded)
     cases = [LoadCase(row, wrenches=tuple(wrenches)) for row in q]
     founds = [find_equilibrium(loaded, case, "newton") for case in cases]
-    flexures = loaded.flex.flexure_v
-    tangents = np.array(
-        [loaded.arm.stack.tangents(-one.torque[flexures].reshape(-1, 6), loaded.row(one.case.q, {})) for one in founds]
-    )
+    tangents = np.array([_tangents(one) for one in founds])
     rows = [
         _row(loaded, probed, probed_v, one, tangent, case)
         for one, tangent, case in zip(founds, tangents, cases, strict=True)
     ]
     arrays = tuple(np.array(part) for part in zip(*rows, strict=True))
     return Linearised(loaded, founds, tangents, arrays, (probed.flex.v_index, probed_v))
+
+
+def _tangents(found: Equilibrium) -> np.ndarray:
+    """Return the (n, 6, 6) derivative of every flexure's twist by its load."""
+    laws = found.loaded.arm.stack.laws
+    return np.array([law.tangent(load, found.row) for law, load in zip(laws, found.rest.loads, strict=True)])
 
 
 def _probed(loaded: LoadedArm) -> tuple:
@@ -115,7 +119,7 @@ def _row(loaded: LoadedArm, probed, probed_v: np.ndarray, found: Equilibrium, ta
     ends = [*(own.frame(name) for name in loaded.links), own.tip]
     flexures, linkage = flex.flexure_v, loaded.arm.robot.linkage
     n, motion = len(flexures), np.zeros(flex.size)
-    motion[flexures] = found.motion[own.flexure_v]
+    motion[flexures] = found.placed.motion[own.flexure_v]
     if linkage:
         configuration, answers, loads = _closed(loaded, probed, found, motion, case)
     else:
@@ -141,16 +145,39 @@ def _row(loaded: LoadedArm, probed, probed_v: np.ndarray, found: Equilibrium, ta
 def _closed(loaded: LoadedArm, probed: Mechanism, found: Equilibrium, motion: np.ndarray, case: LoadCase) -> tuple:
     """Return the configuration of a mechanism, its `laws` to `ways` of `Linearised`, and its (size,) loads."""
     mechanics, row, nv = loaded.mechanics, loaded.row(case.q, case.covariates), probed.model.nv
-    motion[nv:], torque = found.motion[mechanics.model.nv :], np.zeros(probed.flex.size)
-    free = mechanics.flexed(found.rigid, found.motion)[mechanics.flex.free_q]
-    configuration = probed.flexed(probed.true.configuration(case.q, free), motion)
-    torque[nv:] = found.torque[mechanics.model.nv :]
-    torque[:nv] = probed.held(configuration, case, torque)
-    linear = probed.linear(configuration, motion, torque, case, row, mechanics.idle(case, row))
-    turned, opened = probed.tied.pins(-torque[nv:])
+    motion[nv:], torque = found.placed.motion[mechanics.model.nv :], np.zeros(probed.flex.size)
+    rigid = probed.true.configuration(case.q, found.rest.flexed)
+    configuration = probed.flexed(rigid, motion)
+    torque[nv:] = found.placed.torque[mechanics.model.nv :]
+    at = Placed(case, row, rigid, motion, torque, configuration)
+    torque[:nv] = probed.held(at)
+    linear = probed.linear(at, mechanics.idle(case, row))
+    turned, opened = _pins(probed.tied, -torque[nv:])
     by_pin = -linear.by_load @ turned - linear.by_gap @ opened
     by_gap, ways = linear.by_gap @ linear.rows, linear.rows.T @ linear.ways
     return configuration, (linear.by_law, linear.by_load, by_gap, by_pin, linear.turned, ways), -torque
+
+
+def _pins(ties: Ties, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return (nv, 6 P) changes of torques and (m, 6 P) of gaps per twist of a pin's frame on its link.
+
+    Pins are those of `Linkage.pins`, twists in the axes of the link. All must have been placed.
+    """
+    jacobian, torques, gaps, row = ties.data.J.reshape(6, ties.model.nv), [], [], 0
+    for k, one in enumerate(ties.joined):
+        closed, shift = one.place()[1], one.shift(forces[6 * k : 6 * k + 6])
+        sign = one.ends[1].moved - one.ends[0].moved
+        for end, side, change in zip(one.ends, (-1.0, 1.0), (shift.by_first, shift.by_second), strict=True):
+            turn, screw = end.turn @ end.axes, np.zeros((6, 6))
+            screw[:3, :3] = screw[3:, 3:] = turn
+            screw[:3, 3:] = pin.skew(end.here) @ turn
+            torques.append(sign[:, None] * (jacobian.T @ (change @ screw)))
+            gap = np.zeros((len(ties.rows), 6))
+            gap[row : row + len(closed)] = side * closed @ screw
+            gaps.append(gap)
+        row += len(closed)
+    nothing = np.zeros((ties.model.nv, 0)), np.zeros((len(ties.rows), 0))
+    return np.concatenate([nothing[0], *torques], axis=1), np.concatenate([nothing[1], *gaps], axis=1)
 
 
 def exponential_jacobian(twists: np.ndarray) -> np.ndarray:

@@ -18,15 +18,18 @@ from armflex.errors import ArmflexError, ShapeError
 from armflex.mechanics.engine import build
 from armflex.mechanics.engine.tables import (
     NO_CHANGES,
+    NO_FRAMES,
     REAL,
     RESTED,
     WHOLE,
     ArmArraysError,
     AskedStruct,
     Factors,
+    Frames,
     Laws,
     OneStruct,
     RestStruct,
+    State,
     Tables,
     Tree,
     _within,
@@ -166,55 +169,63 @@ class Engine(Tables):
 
     def respond(
         self,
-        into: Mapping[str, Array],
-        sites: tuple[np.ndarray, Array],
-        bodies: tuple[np.ndarray, Array],
-        end: Array,
-        rests: Sequence[Array],
+        what: Collection[str],
+        q: Array,
+        twists: Array,
+        *,
+        sites: Frames = NO_FRAMES,
+        bodies: Frames = NO_FRAMES,
+        state: State | None = None,
+        end: Frames | None = None,
         behind: int = 0,
-    ) -> None:
-        """Fill what is asked about an arm that rests in N rows, all of it in one pass.
+        into: Mapping[str, Array] | None = None,
+    ) -> dict[str, Array]:
+        """Return what is asked about an arm that rests in N rows, all of it in one pass.
 
         Args:
-            into: To be filled: "laws" and "per_load" (N, 6, n, 6), "joints" (N, 6, d), "at_sites" (N, 6, s, 6), "loads"
-                (N, s, 6), "motions" (N, b, 6, 6), "poses" (N, b, 4, 4), and "distance" (N,): below 1 is a proof that
-                the arm stays.
-            sites, bodies: (2, f) places and (f, 12) numbers of frames; see `Frames`. Twists are inserted at the first,
-                and what these carry has loads; wrenches act on the second, which have poses.
-            end: (16,) the frame that is meant by the tip, as the last row of `Tree.elements` has it.
-            rests: (N, d), (N, p), (N, n, 6), (N, m), (N, m, m): drives, passive joints, twists, forces, and what
-                nothing answers to.
-            behind: How many closures and pins there are behind the sites.
+            what: "poses" (N, b, 4, 4) of bodies; "loads" (N, s, 6) on all that a twist at a site moves, its axes;
+                "distance" (N,), below 1 a proof that the arm stays; or motions of the tip: "laws" and "per_load"
+                (N, 6, n, 6) by a flexure's twist and the load on it, "joints" (N, 6, d), "at_sites" (N, 6, s, 6) by
+                twists there, "motions" (N, b, 6, 6) by wrenches at the origins of bodies.
+            q, twists: (N, d) and (N, n, 6) of drives and flexures.
+            sites, bodies: Frames of the arm.
+            state: None of a chain.
+            end: The one frame that is meant by the tip, where it is another.
+            behind: How many closures and pins there are behind the sites in s.
+            into: Arrays to be filled, by name; what is not there is made.
         """
-        tree, (q, flexed, twists, forces, idle) = self.tree, rests
-        rows, n, m, f, b = len(q), len(tree.flexures), len(tree.rows), len(sites[1]), len(bodies[1])
-        s = f + behind
-        shapes = {"laws": (6, n, 6), "per_load": (6, n, 6), "joints": (6, tree.driven), "at_sites": (6, s, 6)}
-        shapes |= {"loads": (s, 6), "motions": (b, 6, 6), "poses": (b, 4, 4), "distance": ()}
+        tree, rows, s, given = self.tree, len(q), len(sites.numbers) + behind, into or {}
+        shapes, m = tree.answers(s, len(bodies.numbers)), len(tree.rows)
+        found = {name: given[name] if name in given else np.empty((rows, *shapes[name])) for name in what}
+        flexed, forces, idle = state or (np.zeros((rows, 0)), np.zeros((rows, 0)), np.zeros((rows, 0, 0)))
+        at = tree.elements[-1, :16]
+        if end is not None:
+            at = np.concatenate([end.numbers[0], np.zeros(3), end.places[0, :1]])
+        q, twists = np.ascontiguousarray(q), np.ascontiguousarray(twists)
         self._check_rows(q)
-        given = {"flexed": (flexed, (tree.passive,)), "twists": (twists, (n, 6))}
-        given |= {"forces": (forces, (m,)), "idle": (idle, (m, m))}
-        for name, (array, shape) in (given | {name: (into[name], shapes[name]) for name in into}).items():
+        parts = {"flexed": (flexed, (tree.passive,)), "twists": (twists, (len(tree.flexures), 6))}
+        parts |= {"forces": (forces, (m,)), "idle": (idle, (m, m))}
+        for name, (array, shape) in (parts | {name: (found[name], shapes[name]) for name in found}).items():
             checked(array, name, REAL, rows, *shape)
-        for places, numbers in (sites, bodies):
-            checked(numbers, "numbers", REAL, places.shape[1], 12)
-            if not any(places is one for one in self._places):
-                checked(places, "places", WHOLE, 2, len(numbers))
-                _within(places.ravel(), "places", 0, len(tree.parents))
-        self._places = sites[0], bodies[0]
-        checked(end, "end", REAL, 16)
-        if not 0.0 <= end[15] < len(tree.parents):
-            raise ArmArraysError(f"end: expected an element of {len(tree.parents)}, got {end[15]}")
-        if self._laws is None and not (into.keys() <= {"poses", "loads"}):
+        for frames in (sites, bodies):
+            checked(frames.numbers, "numbers", REAL, frames.places.shape[1], 12)
+            if not any(frames.places is one for one in self._places):
+                checked(frames.places, "places", WHOLE, 2, len(frames.numbers))
+                _within(frames.places.ravel(), "places", 0, len(tree.parents))
+        self._places = sites.places, bodies.places
+        if not 0.0 <= at[15] < len(tree.parents):
+            raise ArmArraysError(f"end: expected an element of {len(tree.parents)}, got {at[15]}")
+        if self._laws is None and not (found.keys() <= {"poses", "loads"}):
             raise ShapeError("expected laws")
-        self._check_behind(into, behind)
+        self._check_behind(found, behind)
         asked = AskedStruct(
-            end=address(end), frames=f, places=address(sites[0]), numbers=address(sites[1]), sites=s, bodies=b,
-            body_places=address(bodies[0]), body_numbers=address(bodies[1]),
-            **{name: address(array) for name, array in into.items()},
+            end=address(at), frames=s - behind, places=address(sites.places), numbers=address(sites.numbers), sites=s,
+            bodies=len(bodies.numbers), body_places=address(bodies.places), body_numbers=address(bodies.numbers),
+            **{name: address(array) for name, array in found.items()},
         )  # fmt: skip
         where = *addresses((q, flexed, twists, forces, idle)), addressof(asked), address(self._work())
         self._library.engine_respond(self._arm, rows, *where)
+        return found
 
     def tips(self, q: Array, poses: Array) -> None:
         """Fill the (N, 4, 4) poses of a chain's tip where nothing gives, at (N, d) positions of its drives."""

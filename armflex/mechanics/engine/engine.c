@@ -43,7 +43,7 @@ static inline pack sub(pack a, pack b) { return a - b; }
 static inline pack mul(pack a, pack b) { return a * b; }
 static inline pack scale(double s, pack a) { return s * a; }
 #else
-#if !defined(CHAIN)
+#if !defined(PROVEN)
 typedef struct { double v[4]; } pack;
 static inline pack get(const double *from) { pack p; for (int i = 0; i < 4; i++) p.v[i] = from[i]; return p; }
 static inline void put(double *to, pack p) { for (int i = 0; i < 4; i++) to[i] = p.v[i]; }
@@ -52,7 +52,7 @@ static inline pack add(pack a, pack b) { for (int i = 0; i < 4; i++) a.v[i] += b
 static inline pack sub(pack a, pack b) { for (int i = 0; i < 4; i++) a.v[i] -= b.v[i]; return a; }
 static inline pack mul(pack a, pack b) { for (int i = 0; i < 4; i++) a.v[i] *= b.v[i]; return a; }
 static inline pack scale(double s, pack a) { for (int i = 0; i < 4; i++) a.v[i] *= s; return a; }
-#endif /* CHAIN */
+#endif /* PROVEN */
 #endif
 
 /* A cubic through values at equally spaced knots, with the slope of a parabola at the ends: see laws.terms. */
@@ -303,6 +303,108 @@ static inline int exceeds_one(double x, double most)
 #undef AT
 #endif /* LOOPS */
 
+/* ---- Equations of packs of four columns ----------------------------------------------------------------------------- */
+
+#if !defined(PROVEN)
+static inline double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+static inline double dot6(const double *a, const double *b) { return dot(a, b) + dot(a + 3, b + 3); }
+static inline void swap_rows(double *a, double *b, whole wide)
+{
+    for (whole c = 0; (c < wide) && (a != b); c += WIDE) {
+        pack one = get(a + c), other = get(b + c);
+        put(a + c, other);
+        put(b + c, one);
+    }
+}
+
+/* Factor a matrix of n rows of `wide` numbers, with one more row to work in; return whether it is regular. */
+static int factor(double *matrix, whole n, whole wide, whole *order)
+{
+    double *pivot = matrix + n * wide;
+    for (whole c = 0; c < n; c++) {
+        whole best = c, first = c / WIDE * WIDE;
+        double own;
+        for (whole r = c + 1; r < n; r++) {
+            if (fabs(matrix[r * wide + c]) > fabs(matrix[best * wide + c])) {
+                best = r;
+            }
+        }
+        order[c] = best;
+        if (!(fabs(matrix[best * wide + c]) > 0.0)) {
+            for (whole r = c + 1; r < n; r++) { /* whoever solves it all the same gets what is no number */
+                order[r] = r;
+            }
+            return 0;
+        }
+        swap_rows(matrix + c * wide, matrix + best * wide, wide);
+        for (whole b = first; b < wide; b++) {
+            pivot[b] = (b > c) ? matrix[c * wide + b] : 0.0;
+        }
+        own = 1.0 / matrix[c * wide + c];
+        for (whole r = c + 1; r < n; r++) {
+            double *row = matrix + r * wide, by = own * row[c];
+            if (row[c] != 0.0) {
+                for (whole b = first; b < wide; b += WIDE) {
+                    put(row + b, sub(get(row + b), scale(by, get(pivot + b))));
+                }
+                row[c] = by;
+            }
+        }
+    }
+    return 1;
+}
+
+static inline pack left(const double *row, const double *right, whole a, whole first, whole last, whole c, whole width)
+{
+    pack value = get(right + a * width + c), other = spread(0.0);
+    for (whole b = first; b < last - 1; b += 2) {
+        value = sub(value, scale(row[b], get(right + b * width + c)));
+        other = sub(other, scale(row[b + 1], get(right + (b + 1) * width + c)));
+    }
+    if (((last - first) & 1) != 0) {
+        value = sub(value, scale(row[last - 1], get(right + (last - 1) * width + c)));
+    }
+    return add(value, other);
+}
+
+/* Put the solution of a factored system into its right sides, n rows of `width`. */
+static void solve(const double *matrix, whole n, whole wide, const whole *order, double *right, whole width)
+{
+    for (whole a = 0; a < n; a++) {
+        swap_rows(right + a * width, right + order[a] * width, width);
+    }
+    for (whole c = 0; c < width; c += WIDE) {
+        for (whole a = 0; a < n; a++) {
+            put(right + a * width + c, left(matrix + a * wide, right, a, 0, a, c, width));
+        }
+        for (whole a = n - 1; a >= 0; a--) {
+            put(right + a * width + c, scale(1.0 / matrix[a * wide + a], left(matrix + a * wide, right, a, a + 1, n, c, width)));
+        }
+    }
+}
+
+/* Whether a square matrix with a share of the unit matrix is positive: Cholesky of its even part. */
+static int positive(const double *stiff, whole n, whole wide, double by, double *lower, whole width)
+{
+    for (whole r = 0; r < n; r++) {
+        for (whole c = 0; c <= r; c++) {
+            double value = 0.5 * (stiff[r * wide + c] + stiff[c * wide + r]);
+            for (whole i = 0; i < c; i++) {
+                value -= lower[r * width + i] * lower[c * width + i];
+            }
+            if (c < r) {
+                lower[r * width + c] = value / lower[c * width + c];
+            } else if (value + by > 0.0) {
+                lower[r * width + r] = sqrt(value + by);
+            } else {
+                return 0;
+            }
+        }
+    }
+    return 1;
+}
+#endif /* PROVEN */
+
 #if !defined(CHAIN)
 static const double SLOWEST = 0.1;
 static const double SHARE = 0.1, ALIGNED = 1e-4, ASSEMBLED = 2e-3, CLOSED = 1e-13, LONGEST = 0.5, ROUNDED = 1e-9;
@@ -343,8 +445,6 @@ static inline packs back_turned(const double *turn, whole row, packs v)
     return out;
 }
 
-static inline double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-static inline double dot6(const double *a, const double *b) { return dot(a, b) + dot(a + 3, b + 3); }
 static inline void cross(const double *a, const double *b, double *out)
 {
     double x = a[1] * b[2] - a[2] * b[1], y = a[2] * b[0] - a[0] * b[2], z = a[0] * b[1] - a[1] * b[0];
@@ -514,9 +614,8 @@ whole engine_room(const arm *a)
 /* Fill the frame that exp6 of a twist is: rotation row by row, and origin. */
 static void exponential(const double *twist, double *frame)
 {
-    double x = twist[3], y = twist[4], z = twist[5], s = x * x + y * y + z * z, second, third, first;
-    double vx = twist[0], vy = twist[1], vz = twist[2], u, v, w, xx, yy, zz, xy, xz, yz;
-    double ox = y * vz - z * vy, oy = z * vx - x * vz, oz = x * vy - y * vx;
+    const double *turn = twist + 3;
+    double s = dot(turn, turn), second, third, once[3], twice[3];
     if (s < 0.02) {
         second = 0.5 - s * (1.0 / 24 - s * (1.0 / 720 - s / 40320));
         third = 1.0 / 6 - s * (1.0 / 120 - s * (1.0 / 5040 - s / 362880));
@@ -525,31 +624,16 @@ static void exponential(const double *twist, double *frame)
         second = 2.0 * half * half / s;
         third = (angle - sin(angle)) / (s * angle);
     }
-    first = 1.0 - third * s;
-    frame[9] = vx + second * ox + third * (y * oz - z * oy);
-    frame[10] = vy + second * oy + third * (z * ox - x * oz);
-    frame[11] = vz + second * oz + third * (x * oy - y * ox);
-    u = second * x;
-    v = second * y;
-    w = second * z;
-    xx = u * x;
-    yy = v * y;
-    zz = w * z;
-    xy = u * y;
-    xz = u * z;
-    yz = v * z;
-    x *= first;
-    y *= first;
-    z *= first;
-    frame[0] = 1.0 - yy - zz;
-    frame[1] = xy - z;
-    frame[2] = xz + y;
-    frame[3] = xy + z;
-    frame[4] = 1.0 - xx - zz;
-    frame[5] = yz - x;
-    frame[6] = xz - y;
-    frame[7] = yz + x;
-    frame[8] = 1.0 - xx - yy;
+    cross(turn, twist, once);
+    cross(turn, once, twice);
+    for (int i = 0; i < 3; i++) {
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        double along = (1.0 - third * s) * turn[k], both = second * turn[i] * turn[j];
+        frame[9 + i] = twist[i] + second * once[i] + third * twice[i];
+        frame[4 * i] = 1.0 - second * (turn[j] * turn[j] + turn[k] * turn[k]);
+        frame[3 * i + j] = both - along;
+        frame[3 * j + i] = both + along;
+    }
 }
 
 static inline double position(const arm *a, const double *q, const double *loose_joints, whole k)
@@ -739,103 +823,7 @@ static void open_gaps(const arm *a, const here *h, const double *screws, whole c
     }
 }
 
-/* ---- Equations -------------------------------------------------------------------------------------------------- */
-
-static inline void swap_rows(double *a, double *b, whole wide)
-{
-    for (whole c = 0; (c < wide) && (a != b); c += WIDE) {
-        pack one = get(a + c), other = get(b + c);
-        put(a + c, other);
-        put(b + c, one);
-    }
-}
-
-/* Factor a matrix of n rows of `wide` numbers, with one more row to work in; return whether it is regular. */
-static int factor(double *matrix, whole n, whole wide, whole *order)
-{
-    double *pivot = matrix + n * wide;
-    for (whole c = 0; c < n; c++) {
-        whole best = c, first = c / WIDE * WIDE;
-        double own;
-        for (whole r = c + 1; r < n; r++) {
-            if (fabs(matrix[r * wide + c]) > fabs(matrix[best * wide + c])) {
-                best = r;
-            }
-        }
-        order[c] = best;
-        if (!(fabs(matrix[best * wide + c]) > 0.0)) {
-            for (whole r = c + 1; r < n; r++) { /* whoever solves it all the same gets what is no number */
-                order[r] = r;
-            }
-            return 0;
-        }
-        swap_rows(matrix + c * wide, matrix + best * wide, wide);
-        for (whole b = first; b < wide; b++) {
-            pivot[b] = (b > c) ? matrix[c * wide + b] : 0.0;
-        }
-        own = 1.0 / matrix[c * wide + c];
-        for (whole r = c + 1; r < n; r++) {
-            double *row = matrix + r * wide, by = own * row[c];
-            if (row[c] != 0.0) {
-                for (whole b = first; b < wide; b += WIDE) {
-                    put(row + b, sub(get(row + b), scale(by, get(pivot + b))));
-                }
-                row[c] = by;
-            }
-        }
-    }
-    return 1;
-}
-
-static inline pack left(const double *row, const double *right, whole a, whole first, whole last, whole c, whole width)
-{
-    pack value = get(right + a * width + c), other = spread(0.0);
-    for (whole b = first; b < last - 1; b += 2) {
-        value = sub(value, scale(row[b], get(right + b * width + c)));
-        other = sub(other, scale(row[b + 1], get(right + (b + 1) * width + c)));
-    }
-    if (((last - first) & 1) != 0) {
-        value = sub(value, scale(row[last - 1], get(right + (last - 1) * width + c)));
-    }
-    return add(value, other);
-}
-
-/* Put the solution of a factored system into its right sides, n rows of `width`. */
-static void solve(const double *matrix, whole n, whole wide, const whole *order, double *right, whole width)
-{
-    for (whole a = 0; a < n; a++) {
-        swap_rows(right + a * width, right + order[a] * width, width);
-    }
-    for (whole c = 0; c < width; c += WIDE) {
-        for (whole a = 0; a < n; a++) {
-            put(right + a * width + c, left(matrix + a * wide, right, a, 0, a, c, width));
-        }
-        for (whole a = n - 1; a >= 0; a--) {
-            put(right + a * width + c, scale(1.0 / matrix[a * wide + a], left(matrix + a * wide, right, a, a + 1, n, c, width)));
-        }
-    }
-}
-
-/* Whether a square matrix with a share of the unit matrix is positive: Cholesky of its even part. */
-static int positive(const double *stiff, whole n, whole wide, double by, double *lower, whole width)
-{
-    for (whole r = 0; r < n; r++) {
-        for (whole c = 0; c <= r; c++) {
-            double value = 0.5 * (stiff[r * wide + c] + stiff[c * wide + r]);
-            for (whole i = 0; i < c; i++) {
-                value -= lower[r * width + i] * lower[c * width + i];
-            }
-            if (c < r) {
-                lower[r * width + c] = value / lower[c * width + c];
-            } else if (value + by > 0.0) {
-                lower[r * width + r] = sqrt(value + by);
-            } else {
-                return 0;
-            }
-        }
-    }
-    return 1;
-}
+/* ---- Equations of closed loops ------------------------------------------------------------------------------------ */
 
 /* Eigenvalues (diagonal of the matrix) and vectors (columns) of a symmetric (n, n) matrix, by Jacobi's rotations. */
 static void eigen(double *matrix, whole n, double *vectors)
@@ -1715,6 +1703,9 @@ static whole rest_rows(const arm *a, whole rows, const double *q, whole settled,
         for (int i = 0; i < 3; i++) {
             f->displacement[6 * row + i] = end[i] - at[i];
             turned(turn, moved + 3 * i, change + 3 * i);
+        }
+        if (f->ends != NULL) {
+            pose(moved, end, f->ends + 16 * row);
         }
         logarithm(change, f->displacement + 6 * row + 3);
     }

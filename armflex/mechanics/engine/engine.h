@@ -55,6 +55,7 @@ typedef struct {
 
 typedef struct { /* (N, ...) where it rests; see engine_rest */
     double *closed, *tips, *flexed, *twists, *loads, *forces, *displacement, *distance, *idles;
+    double *ends; /* (N, 4, 4) the flexed tip, NULL where that is not asked for */
 } rested;
 
 typedef struct { /* what is asked about a frame where it rests; NULL for what is not */

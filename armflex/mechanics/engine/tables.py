@@ -34,6 +34,10 @@ REAL = np.dtype(np.float64)
 NO_CHANGES = np.zeros((0, 0, 6, 6))
 
 
+State = tuple[Array, Array, Array]
+"""(N, p) passive joints, (N, m) forces in closures and (N, m, m) what nothing answers to."""
+
+
 class ArmArraysError(InputError):
     """Arrays that describe no arm; C never sees them."""
 
@@ -65,7 +69,7 @@ ASKED = ("laws", "per_load", "joints", "at_sites", "loads", "motions", "poses", 
 class RestStruct(Structure):
     """`rested` of engine.h."""
 
-    _fields_ = [(name, c_void_p) for name in RESTED]
+    _fields_ = [(name, c_void_p) for name in (*RESTED, "ends")]
 
 
 class AskedStruct(Structure):
@@ -122,6 +126,29 @@ def _climbing(starts: np.ndarray, name: str, last: int) -> None:
 
 
 @dataclass(frozen=True, eq=False)
+class Frames:
+    """Frames that are fixed to elements of an arm.
+
+    Attributes:
+        names: Of the frames.
+        places: (2, f) the element that each is fixed to, and the first that moves where a twist is inserted at it.
+        numbers: (f, 12) rotation (9) row by row and origin (3) [m] in its element.
+    """
+
+    names: tuple[str, ...]
+    places: np.ndarray
+    numbers: Array
+
+    def some(self, index: Sequence[int]) -> Frames:
+        """Return some of the frames."""
+        places = np.ascontiguousarray(self.places[:, index])  # the engine is compiled for one order
+        return Frames(tuple(self.names[i] for i in index), places, self.numbers[index])
+
+
+NO_FRAMES = Frames((), np.zeros((2, 0), dtype=WHOLE), np.zeros((0, 12)))
+
+
+@dataclass(frozen=True, eq=False)
 class Tree:
     """An arm with a payload; side branches hang on the elements that carry them.
 
@@ -167,6 +194,14 @@ class Tree:
     def flexures_inboard(self, element: int) -> int:
         """Return how many flexures of a chain move an element."""
         return int((self.flexures <= element).sum())
+
+    def answers(self, sites: int, bodies: int) -> dict[str, tuple[int, ...]]:
+        """Return the shapes of a row of all that `Engine.respond` answers, closures and pins among the sites."""
+        n = len(self.flexures)
+        of_sites = {"at_sites": (6, sites, 6), "loads": (sites, 6)}
+        of_bodies = {"motions": (bodies, 6, 6), "poses": (bodies, 4, 4)}
+        whole = {"laws": (6, n, 6), "per_load": (6, n, 6), "joints": (6, self.driven), "distance": ()}
+        return whole | of_sites | of_bodies
 
     @cached_property
     def kept(self) -> local:

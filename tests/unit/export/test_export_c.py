@@ -302,7 +302,7 @@ def test_it_takes_no_more_stack_than_it_says(tmp_path: Path, name: str) -> None:
     (tmp_path / "arm.c").write_text(found.text)
     subprocess.run([COMPILER, "-std=c99", "-O2", "-fstack-usage", "-c", "arm.c"], cwd=tmp_path, check=True, timeout=600)
     lines = [line.split("\t") for line in (tmp_path / "arm.su").read_text().splitlines()]
-    assert {kind for *_, kind in lines} == {"static"}
+    assert {kind for *_, kind in lines} <= {"static", "dynamic,bounded"}  # of both the size is the most
     taken: dict[str, int] = {}
     for place, size, _ in lines:  # a compiler may part a function in two
         function = place.rpartition(":")[2].partition(".")[0]

@@ -198,7 +198,7 @@ def test_a_curve_through_knots_is_that_of_scipy() -> None:
 
 
 def some_tree() -> Tree:
-    return bundled("palletizer").loaded(None).sited_tree
+    return bundled("palletizer").loaded(None).tree
 
 
 BROKEN = {

@@ -168,7 +168,7 @@ def test_compiled_responses_are_those_of_pinocchio(name: str, tmp_path: Path, mo
             for line, some in ((many, np.arange(3)), (many.some(np.array([2, 0])), np.array([2, 0]))):
                 far = 1e-9 * np.abs(expected).max()
                 np.testing.assert_allclose(getattr(line.of(link), one), expected[some], rtol=0, atol=far, err_msg=one)
-    assert many.equilibrium(1).motion == pytest.approx(few.founds[1].motion, abs=1e-12)
+    assert many.equilibrium(1).placed.motion == pytest.approx(few.founds[1].placed.motion, abs=1e-12)
 
 
 def test_uncertainties_and_rigid_tips_of_many_rows_are_those_of_each(tmp_path: Path, monkeypatch) -> None:

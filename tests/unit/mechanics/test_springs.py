@@ -53,7 +53,7 @@ def test_stiffness_is_the_change_of_the_torque(arm, pushes, moves):
     v, a = ([0.3, -0.5, 0.7], [1.0, 2.0, -1.0]) if moves else (None, None)
     found = arm.deflection(Q, wrenches=pushes, v=v, a=a)
     solved, mechanics = found.solved, found.solved.loaded.mechanics
-    load, here, step = mechanics.load(solved.case), mechanics.flexed(solved.rigid, solved.motion), 1e-6
+    load, here, step = mechanics.load(solved.case), solved.placed.configuration, 1e-6
     steps = step * np.eye(mechanics.model.nv)
     ahead, back = ([load(pin.integrate(mechanics.model, here, sign * one)) for one in steps] for sign in (1.0, -1.0))
     quotient = (np.array(ahead) - np.array(back)).T / (2.0 * step)
