@@ -259,7 +259,7 @@ def meanings(
     source: SourceTable,
     taken: Mapping[str, str],
     joints: Sequence[str] = (),
-    slides_among: Callable[[Sequence[str]], Sequence[str]] = lambda _: (),
+    slides_among: Callable[[Sequence[str]], Sequence[str] | None] = lambda _: None,
 ) -> tuple[Meaning, ...]:
     """Return what every column of a file is.
 
@@ -267,7 +267,7 @@ def meanings(
         source: The file.
         taken: What the caller says columns are, by their name: `q_J1_deg`, `x_mm`, `pose`, `time`; `unused`.
         joints: Names of the robot's, where its file is there.
-        slides_among: Returns those of the file's joints, by name, that are lengths.
+        slides_among: Returns those of the file's joints, by name, that are lengths; None where nobody knows.
     """
     comments = stated(source)
     comment = comments[0] if len(comments) == 1 else None
@@ -361,9 +361,10 @@ def _one_clock(meant: list[Meaning], parts: Mapping[str, Meaning]) -> list[Meani
 
 
 def _with_angles(
-    source: SourceTable, meant: list[Meaning], joints: Sequence[str], slides: Sequence[str]
+    source: SourceTable, meant: list[Meaning], joints: Sequence[str], sliding: Sequence[str] | None
 ) -> list[Meaning]:
     """Return what columns are with units of external axes, and those of angles that a comment or a size shows."""
+    slides = sliding or ()
     for i, meaning in enumerate(meant):
         if meaning.why == OUTER and meaning.unit is None and meaning.name in joints:
             meant[i] = replace(
@@ -375,7 +376,7 @@ def _with_angles(
     def is_open(meaning: Meaning) -> bool:
         return meaning.unit is None and meaning.name not in slides and meaning.why != OUTER
 
-    # One joint beyond a turn shows the unit of all.
+    # One joint beyond a turn shows the unit of all; where it may slide, all that move have to be.
     of_joints = [numbers(cells) for meaning, cells in zip(meant, source.columns, strict=True)
                  if meaning.kind == "joint" and is_open(meaning)]  # fmt: skip
     sizes = [float(np.nanmax(np.abs(values))) for values in of_joints if np.isfinite(values).any()]
@@ -391,7 +392,9 @@ def _with_angles(
         meaning.kind == "joint" and meaning.unit in ANGLE_UNITS and meaning.why == "its header" for meaning in meant
     ):
         return meant  # where others state an angle, one that states nothing may be a slide
-    if sizes and TURN < max(sizes) <= np.degrees(TURN):  # beyond a turn in degrees it is neither
+    moving = [float(np.nanmax(np.abs(values))) for values in of_joints if np.nanmax(values) > np.nanmin(values)]
+    alike = sliding is not None or min(moving, default=np.inf) > TURN
+    if sizes and TURN < max(sizes) <= np.degrees(TURN) and alike:  # beyond a turn in degrees it is neither
         why = f"a value of {max(sizes):.4g} is no angle in rad"
         return changed(meant, lambda meaning: meaning.kind == "joint" and is_open(meaning), unit="deg", why=why)
     return meant

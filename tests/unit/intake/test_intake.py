@@ -499,6 +499,18 @@ def test_torques_and_temperatures_of_joints_are_no_positions(tmp_path: Path) -> 
     assert np.allclose(found.columns["temp_joint2"], DEGREES[:, 3], atol=1e-6)
 
 
+def test_a_joint_that_may_slide_makes_no_degrees_of_the_others(tmp_path: Path) -> None:
+    """Two joints in rad and a slide in mm have one number that is beyond a turn."""
+    rows = [f"{name},{0.2 * i},{-0.1 * i},{40.0 * i}" for i, name in enumerate(NAMES)]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(["Point,J1,J2,J3", *rows]))
+    paths = [path, written(tmp_path, "", EXPORTS["spatialanalyzer"])[1]]
+    with pytest.raises(InputError, match="the unit of column 'J1' is stated nowhere"):
+        intake(paths, 5e-5)
+    found = intake(paths, 5e-5, {"J1": "q_J1_rad", "J2": "q_J2_rad", "J3": "q_J3_mm"})
+    assert found.columns["q_J3"][-1] == pytest.approx(0.2)
+
+
 def test_counts_without_a_unit_are_no_degrees(tmp_path: Path) -> None:
     paths = spelt(tmp_path, [f"J{i}" for i in range(1, 7)])
     ticks = np.round(2048.0 + DEGREES / 360.0 * 4096.0)
