@@ -267,7 +267,7 @@ def meanings(
         source: The file.
         taken: What the caller says columns are, by their name: `q_J1_deg`, `x_mm`, `pose`, `time`; `unused`.
         joints: Names of the robot's, where its file is there.
-        slides_among: Returns those of the file's joints, by name, that are lengths; None where nobody knows.
+        slides_among: Returns those of the file's joints, by name, that are lengths; None where no file says it.
     """
     comments = stated(source)
     comment = comments[0] if len(comments) == 1 else None
@@ -379,7 +379,8 @@ def _with_angles(
     # One joint beyond a turn shows the unit of all; where it may slide, all that move have to be.
     of_joints = [numbers(cells) for meaning, cells in zip(meant, source.columns, strict=True)
                  if meaning.kind == "joint" and is_open(meaning)]  # fmt: skip
-    sizes = [float(np.nanmax(np.abs(values))) for values in of_joints if np.isfinite(values).any()]
+    of_joints = [read for values in of_joints if len(read := values[np.isfinite(values)])]
+    sizes = [float(np.abs(read).max()) for read in of_joints]
     angles = stated(source, ANGLE_UNITS)
     if len(angles) == 1 and max(sizes, default=0.0) * ANGLE_UNITS[angles[0]] <= TURN:
         return changed(
@@ -392,7 +393,7 @@ def _with_angles(
         meaning.kind == "joint" and meaning.unit in ANGLE_UNITS and meaning.why == "its header" for meaning in meant
     ):
         return meant  # where others state an angle, one that states nothing may be a slide
-    moving = [float(np.nanmax(np.abs(values))) for values in of_joints if np.nanmax(values) > np.nanmin(values)]
+    moving = [size for size, read in zip(sizes, of_joints, strict=True) if np.ptp(read) > 0.0]
     alike = sliding is not None or min(moving, default=np.inf) > TURN
     if sizes and TURN < max(sizes) <= np.degrees(TURN) and alike:  # beyond a turn in degrees it is neither
         why = f"a value of {max(sizes):.4g} is no angle in rad"

@@ -511,6 +511,16 @@ def test_a_joint_that_may_slide_makes_no_degrees_of_the_others(tmp_path: Path) -
     assert found.columns["q_J3"][-1] == pytest.approx(0.2)
 
 
+@pytest.mark.parametrize(("head", "between"), [("q_deg", ", "), ("robot.joints [deg]", ","), ("JPos (°)", " ")])
+def test_a_cell_may_hold_all_joints(tmp_path: Path, head: str, between: str) -> None:
+    paths = spelt(tmp_path, [f"J{i}" for i in range(1, 7)])
+    rows = [f"{name}\t[{between.join(map(str, row))}]" for name, row in zip(NAMES, DEGREES.round(6), strict=True)]
+    paths[0].write_text("\n".join([f"point\t{head}", *rows]))
+    found = intake(paths, 5e-5)
+    joints = [name for name in found.columns if name.startswith("q_")]
+    assert np.allclose(np.array([found.columns[name] for name in joints]).T, np.radians(DEGREES), atol=1e-6)
+
+
 def test_counts_without_a_unit_are_no_degrees(tmp_path: Path) -> None:
     paths = spelt(tmp_path, [f"J{i}" for i in range(1, 7)])
     ticks = np.round(2048.0 + DEGREES / 360.0 * 4096.0)
