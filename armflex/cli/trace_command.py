@@ -31,7 +31,7 @@ from armflex.progress import MOST_MINUTES
 from armflex.result import plain, record, scaled
 from armflex.show.report import write_report
 from armflex.show.report.summary import HALVES_HEAD, HALVES_TITLE, further, headline
-from armflex.show.report.words import units_of
+from armflex.show.report.words import measure, units_of
 from armflex.storage.whole_file import together
 from armflex.trace import trace
 from armflex.trace.families import Families, FamilyFound
@@ -214,8 +214,7 @@ def _lines(effect_found: Found, factor: float) -> Iterator[list[str]]:
     values = list(zip(effect.named.items(), units_of(effect).values(), strict=True))
     # Values of one effect that are shown on the terminal; the file holds all
     for (name, value), unit in values[:8]:
-        std = f" ± {effect_found.std[name]:.2g}" if effect_found.std.get(name) else ""
-        yield [*head, f"{name} {value:.4g}{std} {unit}", held_out]
+        yield [*head, f"{name} {measure(value, effect_found.std.get(name), unit)}", held_out]
         head, held_out = ["", "", "", ""], ""
 
 

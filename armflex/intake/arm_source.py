@@ -35,10 +35,12 @@ class ArmSource:
         """Names of the robot's joints, base to tip."""
         return [] if self.robot is None else [joint.name for joint in self.robot.moving]
 
-    def slides_among(self, names: Sequence[str]) -> list[str]:
-        """Return those of a log's joints, as it calls them, that are lengths."""
+    def slides_among(self, names: Sequence[str]) -> list[str] | None:
+        """Return those of a log's joints, as it calls them, that are lengths; None where no file says it."""
         if self.robot is None:
-            kinds = () if self.dh is None else self.dh.slides
+            if self.dh is None:
+                return None
+            kinds = self.dh.slides
         else:
             slides = [joint.name for joint in self.robot.moving if joint.kind == "prismatic"]
             if {*self.joints} & {*names}:
@@ -57,7 +59,7 @@ class ArmSource:
         if self.robot is None:
             return log, []
         joints, moving, file = [joint for joint, _ in log.of("joint")], self.joints, self.robot.urdf.path.name
-        sliding = self.slides_among([joint.name for joint in joints])
+        sliding = self.slides_among([joint.name for joint in joints]) or ()
         for joint in joints:
             slides = joint.name in sliding
             if joint.name in moving and joint.unit not in (None, "rad") and (joint.unit in LENGTHS) != slides:

@@ -1,13 +1,14 @@
 """Times of rows: numbers in any unit, stamps, a clock's hours and minutes; a unit that is stated nowhere."""
 
 import re
+from collections.abc import Sequence
 from datetime import UTC, datetime
 
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import shown
-from armflex.intake.meanings import BY_SIZE, EITHER, TIME_UNITS, UNTIL
+from armflex.intake.meanings import BY_SIZE, DAYS, EITHER, TIME_UNITS, UNTIL
 from armflex.intake.record import Record
 from armflex.intake.sources import numbers
 from armflex.intake.streams import DENSE, SLOWEST, is_sampled, spread
@@ -20,8 +21,29 @@ CLOCK = re.compile(
 """A clock's time, after a day or without one; two digits after a third colon are frames, and not said is how many are a
 second."""
 
+MONTHS = tuple(
+    re.compile(stems, re.IGNORECASE)
+    for stems in ("jan|ene|gen", "feb|f[eé]v", "mar|mär|mrz", "apr|avr|abr", "ma[iygj]|mei", "jun|juin|giu",
+                  "jul|juil|lug", "aug|ao[uû]|ago", "sep|set", "o[ck]t|ott|out", "nov", "d[eéi][cz]")
+)  # fmt: skip
+"""How the months begin in English, German, French, Spanish, Italian and Portuguese."""
+
+MONTH, YEAR = r"(?P<month>[^\W\d_]{3,})\.?", r"(?P<year>\d{4}|\d\d)"
+NAMED_DAYS = tuple(
+    re.compile(rf"(?:\D*\s)?{day}")
+    for day in (
+        rf"(?P<day>\d{{1,2}})[\s.-]*(?:de )?{MONTH}[\s,-]*(?:de )?{YEAR}(?![\d:])(?P<clock>.*)",
+        rf"{MONTH}\s*(?P<day>\d{{1,2}}),?\s+{YEAR}(?![\d:])(?P<clock>.*)",
+        rf"{MONTH}\s*(?P<day>\d{{1,2}})\s+(?P<clock>\d.*)\s{YEAR}",
+    )
+)
+"""A day whose month is a word: 12-Mar-2024 10:00, Mar 12, 2024 10:00, Tue Mar 12 10:00:00 2024."""
+
 STOPWATCH = re.compile(r"(\d+):(\d{1,2}[.,]\d+)")
 """Minutes and seconds."""
+
+FIRST_DAY = 25569.0 * 86400.0
+"""From the day that spreadsheets count from to 1970 [s]."""
 
 LONGEST = 7.0 * 86400.0
 """Tolerance: no recording lasts longer [s]."""
@@ -40,29 +62,52 @@ def times(record: Record) -> Array | None:
         return None
     meaning, cells = of_name["time"]
     if np.isfinite(values := numbers(cells)).any():
-        seconds = values * TIME_UNITS[meaning.unit or "s"]
+        seconds = values * TIME_UNITS[meaning.unit or "s"] - (FIRST_DAY if meaning.why == DAYS else 0.0)
         if "fraction" in of_name:
             part, column = of_name["fraction"]
             seconds = seconds + numbers(column) * TIME_UNITS[part.unit or "s"]
         return seconds
-    days = of_name["date"][1] if "date" in of_name else [""] * len(cells)
-    read = [_seconds(f"{day} {cell}".strip()) for day, cell in zip(days, cells, strict=True)]
-    if None in read:
+    if not (orders := _orders(_texts(record))):
         return None
-    seconds = np.array(read, dtype=float)
+    seconds = min(orders, key=np.ptp)
     if seconds.max() < 86400.0:  # a clock without a day, past midnight
-        seconds += 86400.0 * np.cumsum(np.diff(seconds, prepend=seconds[:1]) < -43200.0)
+        seconds = seconds + 86400.0 * np.cumsum(np.diff(seconds, prepend=seconds[:1]) < -43200.0)
     return seconds
 
 
+def _texts(record: Record) -> list[str]:
+    """Return (N,) cells of a clock, the days beside them first."""
+    of_name = {meaning.name: cells for meaning, cells in record.of("time")}
+    days = of_name.get("date", [""] * len(of_name["time"]))
+    return [f"{day} {cell}".strip() for day, cell in zip(days, of_name["time"], strict=True)]
+
+
+def _orders(texts: Sequence[str]) -> list[Array]:
+    """Return (N,) times [s] that texts say, with day before month and month before day, as far as all can be read.
+
+    That of the country where clocks count to twelve is first where theirs does.
+    """
+    ways = (False, True) if any("/" in text for text in texts[:1]) else (False,)
+    orders = [[_seconds(text, american) for text in texts] for american in ways]
+    if any(text.rstrip().lower().endswith("m") for text in texts[:1]):
+        orders.reverse()
+    return [np.array(seconds, dtype=float) for seconds in orders if None not in seconds]
+
+
 def unread(record: Record) -> str:
-    """Return which column of times has what is none that is known, and such a cell; '' where there is none."""
-    of_name = {meaning.name: (meaning, cells) for meaning, cells in record.of("time")}
-    if "time" not in of_name or times(record) is not None:
+    """Return what is wrong with a column of times: a cell is none that is known, or is another day in America."""
+    clock = next((meaning for meaning, _ in record.of("time") if meaning.name == "time"), None)
+    if clock is None or np.isfinite(numbers(record.columns[record.header.index(clock.column)])).any():
         return ""
-    meaning, cells = of_name["time"]
-    cell = next((str(cell) for cell in cells if _seconds(str(cell)) is None), str(cells[0]))
-    return f"{meaning.column!r} has {shown(cell, 30)}, which is no time that is known"
+    texts = _texts(record)
+    if not (orders := _orders(texts)):
+        text = next((text for text in texts if _seconds(text, False) is None), texts[0])
+        return f"{clock.column!r} has {shown(text, 30)}, which is no time that is known"
+    spans = [float(np.ptp(seconds)) for seconds in orders]
+    if len(orders) < 2 or spans[0] != spans[1] or orders[0][0] == orders[1][0] or texts[0].lower().endswith("m"):
+        return ""
+    day, other = (datetime.fromtimestamp(float(seconds[0]), UTC).date() for seconds in orders)
+    return f"{shown(texts[0], 30)} is taken as {day}, and may be {other}: write days as 2024-12-31"
 
 
 def counted(record: Record, moved: Array, unit: str) -> Record:
@@ -131,8 +176,13 @@ def goes_back(time: Array, values: Array) -> int | None:
     return int(rows[back[0] + 1]) if len(back) and len(back) < 0.5 * len(steps) else None
 
 
-def _seconds(text: str) -> float | None:
-    """Return the time that a text says [s]; of a clock without a day since midnight."""
+def _seconds(text: str, american: bool) -> float | None:
+    """Return the time that a text says [s]; of a clock without a day since midnight.
+
+    Args:
+        text: It.
+        american: Whether the month is before the day in days with slashes.
+    """
     try:
         date = datetime.fromisoformat(text)
         return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
@@ -140,6 +190,9 @@ def _seconds(text: str) -> float | None:
         match = CLOCK.fullmatch(text)
     if ran := STOPWATCH.fullmatch(text):
         return 60.0 * int(ran[1]) + float(ran[2].replace(",", "."))
+    if named := next(filter(None, (pattern.fullmatch(text) for pattern in NAMED_DAYS)), None):
+        month = next((n for n, stems in enumerate(MONTHS, 1) if stems.match(named["month"])), 0)
+        match = CLOCK.fullmatch(f"{named['day']}.{month}.{named['year']} {named['clock']}")
     if match is None:
         return None
     first, mark, second, third, hours, minutes, seconds, half = match.groups()
@@ -148,7 +201,7 @@ def _seconds(text: str) -> float | None:
         year, month, date = int(third), int(second), int(first)
         if len(first) == 4:
             year, date = int(first), int(third)
-        elif mark == "/" and (half or month > 12):  # as in America
+        elif mark == "/" and american:
             month, date = date, month
         try:
             day = datetime(year + 2000 * (year < 100), month, date, tzinfo=UTC).timestamp()

@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.errors import ManyErrors, Place, TableError, listing
-from armflex.intake.meanings import ANGLE_UNITS, BEHIND, BRACKETS, Ask
+from armflex.intake.meanings import ANGLE_UNITS, BEHIND, BRACKETS, Ask, named_unit
 from armflex.intake.sources import SourceTable
 from armflex.measured.points import LENGTHS
 
@@ -175,6 +175,10 @@ def read_dh(source: SourceTable, form: str | None, ask: Ask | None, unused: Coll
         ManyErrors: A unit, a column or the form are open.
     """
     columns = {name: column for name, column in _columns(source).items() if source.header[column[0]] not in unused}
+    for name, (at, unit) in columns.items():
+        text = " ".join(map(str, source.columns[at]))
+        if not unit and DEGREES.search(text) and not re.search("pi|π|rad", text, re.IGNORECASE):
+            columns[name] = at, "deg"
     if khalil := _is_khalil(source, columns):
         columns |= {"a": columns["d"], "d": columns["a"]}
     cells, wrong = {name: list(map(str, source.columns[at])) for name, (at, _) in columns.items()}, list[str]()
@@ -275,9 +279,9 @@ def _unit_of(
     unit, length, why = columns[name][1], name in "da", "its header"
     units, alike = (LENGTHS if length else ANGLE_UNITS), [part for part in parts if (part in "da") == length]
     open_ = [part for part in alike if part == name or not columns[part][1]]  # the others say theirs
-    largest, beside = (max(float(np.abs(values[part]).max()) for part in of) for of in (alike, open_))
+    largest = max(float(np.abs(values[part]).max()) for part in open_)
     if parts[name].in_rad or (not unit and any(parts[part].in_rad for part in open_)):
-        if unit not in ("", "rad") or (not unit and beside > RIGHT):
+        if unit not in ("", "rad") or (not unit and largest > RIGHT):
             return f"{path}: {header!r} is among angles with pi, and others are in degrees", ""
         unit, why = "rad", why if unit else "its cells"
     if unit == "rad" and largest > RIGHT:
@@ -525,7 +529,7 @@ def _bare(header: str) -> tuple[str, str]:
         text, unit = match[1], match[2]
     elif not match and (match := BEHIND.fullmatch(text)):
         text, unit = match["base"], match["short"] or match["unit"]
-    return text.strip().lower(), unit.lower().replace("°", "deg")
+    return text.strip().lower(), named_unit(unit).lower()
 
 
 def _columns(source: SourceTable) -> dict[str, tuple[int, str]]:

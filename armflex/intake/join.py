@@ -123,7 +123,7 @@ def _settled(records: Sequence[Record], ask: Ask | None, arm: ArmSource) -> tupl
     closed, wrong = list[Record](), list[str]()
     for record in records:
         if record.role or record.has("picture"):
-            slides = arm.slides_among([joint.name for joint, _ in record.of("joint")])
+            slides = arm.slides_among([joint.name for joint, _ in record.of("joint")]) or ()
             record, about = settled(record, ask, slides, bool(record.role) and record.has("coordinate"))
             wrong += about
         elif not record.part:

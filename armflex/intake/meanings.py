@@ -47,10 +47,17 @@ ANOTHER = (
 OF_ANOTHER = rf"(?!(?:\w*[\W_])?{ANOTHER}[\W_])"
 """What does not stand before the name of a joint in the column of its position."""
 
-SHORT = r"(?:jt?|a|q|ax|axis|axe|joint|achse|gelenk|eje|asse|giunto|軸|轴|关节|関節|theta|th|θ)"
+WHERE = r"(?:winkel|position|stellung|wert)"
+SHORT = (
+    rf"(?:jt?|a|q|ax|axis|axe|joint|achs(?:e|{WHERE})|gelenk{WHERE}?|articula\w*|eje|junta|asse|giunto|軸|轴|关节|関節"
+    r"|theta|th|θ)"
+)
 """How joints are called that are only numbered."""
 
-PLACED_WORD = r"(?:act(?:ual)?|ist|pos(?:ition)?|angle|winkel|meas(?:ured)?|mess(?:wert)?|mes(?:ur[ée]e?)?|gemessen)"
+PLACED_WORD = (
+    rf"(?:act(?:ual)?|ist[ -]?{WHERE}?|pos(?:ition)?|angle|angolo|[áa]ngulo|{WHERE}|meas(?:ured)?|mess{WHERE}?"
+    r"|mes(?:ur[ée]e?)?|misurat[ao]|medid[ao]|gemessen|gemeten|r[ée]el(?:le)?)"
+)
 UR_COLUMN = r"(?:actual|target)_q_?\[?(?P<ur>[0-5])\]?"
 """Of Universal Robots' RTDE, which counts from 0."""
 
@@ -106,8 +113,9 @@ NAMES = (
 )
 TIMES = (
     r"(?:_*time(?:[ _]?stamp)?|(?:_*time[ _]?)?stamp|elapsed(?:[ _]?time)?|zeit(?:stempel)?|uhrzeit|clock"
-    r"|date(?: ?time)?|datum|heure|ts?)"
+    r"|heure|hora|ora|ts?)"
 )
+DATES = r"(?:date|datum|fecha|data)(?: ?(?:time|(?:et|y|e|und|[/,&])? ?(?:heure|hora|ora|(?:uhr)?zeit)))?"
 OUTER = "an external axis"
 EITHER = "a time or a temperature"
 """What a column `T` may be that is the only clock."""
@@ -168,8 +176,7 @@ PART = re.compile(r"(?P<base>(?:.*[._/ \[]|tv_?)?)(?P<unit>[a-zµμ]+)\]?", re.I
 """Seconds, and what is beyond them in a column of its own: `header.stamp.sec` and `header.stamp.nanosec`."""
 
 COORDINATE = (
-    r"(?:(?:pos(?:ition)?|actual|meas(?:ured)?|ist|mess\w*|mesur\w*)[ _.-])?(?P<axis>[xyz])"
-    r"(?:[ _.-]?(?:coord\w*|act\w*|meas\w*|mess\w*|mesur\w*|ist|wert))?"
+    rf"(?:(?:coord\w*\.?|koord\w*|{PLACED_WORD})[ _.-]+)?(?P<axis>[xyz])(?:[ _.-]*(?:[ck]oord\w*|{PLACED_WORD}))?"
 )
 OF_MESSAGE = r".*(?:position|translation|point)[./](?P<axis>[xyz])"
 """Coordinate in a column of a tool for bags: messages of ROS are in m."""
@@ -179,7 +186,10 @@ SINCE_1970, UNTIL = 9e8, 4e9
 STAMPS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Units of what counts since 1970, known by its size."""
 BY_SIZE = "its size"
-DAY = re.compile(r"\d{1,4}[./-]\d{1,2}[./-]\d{1,4}$")
+DAY = re.compile(r"(?=\D*\d)(?:[^\W\d]{3,}|\d{1,4})(?:[\s.,/-]+(?:[^\W\d]{3,}|\d{1,4})\.?){2}$")
+SPREADSHEET = (2e4, 8e4)
+"""Days between these are from 1954 to 2119, counted from the end of 1899."""
+DAYS = "days since 1900, as spreadsheets count"
 KEPT = ("payload", "session")
 PICTURE = r"(?:picture|image|photo|foto|bild)(?:[ _]?(?:file|name|path))?"
 INTENDED = r"nom(?:inal|iell)?|soll\w*|theo(?:r\w*)?|cad|expected|desired|cmd|command(?:ed)?|ref(?:erence)?"
@@ -249,7 +259,7 @@ def meanings(
     source: SourceTable,
     taken: Mapping[str, str],
     joints: Sequence[str] = (),
-    slides_among: Callable[[Sequence[str]], Sequence[str]] = lambda _: (),
+    slides_among: Callable[[Sequence[str]], Sequence[str] | None] = lambda _: None,
 ) -> tuple[Meaning, ...]:
     """Return what every column of a file is.
 
@@ -257,7 +267,7 @@ def meanings(
         source: The file.
         taken: What the caller says columns are, by their name: `q_J1_deg`, `x_mm`, `pose`, `time`; `unused`.
         joints: Names of the robot's, where its file is there.
-        slides_among: Returns those of the file's joints, by name, that are lengths.
+        slides_among: Returns those of the file's joints, by name, that are lengths; None where no file says it.
     """
     comments = stated(source)
     comment = comments[0] if len(comments) == 1 else None
@@ -351,9 +361,10 @@ def _one_clock(meant: list[Meaning], parts: Mapping[str, Meaning]) -> list[Meani
 
 
 def _with_angles(
-    source: SourceTable, meant: list[Meaning], joints: Sequence[str], slides: Sequence[str]
+    source: SourceTable, meant: list[Meaning], joints: Sequence[str], sliding: Sequence[str] | None
 ) -> list[Meaning]:
     """Return what columns are with units of external axes, and those of angles that a comment or a size shows."""
+    slides = sliding or ()
     for i, meaning in enumerate(meant):
         if meaning.why == OUTER and meaning.unit is None and meaning.name in joints:
             meant[i] = replace(
@@ -365,10 +376,11 @@ def _with_angles(
     def is_open(meaning: Meaning) -> bool:
         return meaning.unit is None and meaning.name not in slides and meaning.why != OUTER
 
-    # One joint beyond a turn shows the unit of all.
+    # One joint beyond a turn shows the unit of all; where it may slide, all that move have to be.
     of_joints = [numbers(cells) for meaning, cells in zip(meant, source.columns, strict=True)
                  if meaning.kind == "joint" and is_open(meaning)]  # fmt: skip
-    sizes = [float(np.nanmax(np.abs(values))) for values in of_joints if np.isfinite(values).any()]
+    of_joints = [read for values in of_joints if len(read := values[np.isfinite(values)])]
+    sizes = [float(np.abs(read).max()) for read in of_joints]
     angles = stated(source, ANGLE_UNITS)
     if len(angles) == 1 and max(sizes, default=0.0) * ANGLE_UNITS[angles[0]] <= TURN:
         return changed(
@@ -381,7 +393,9 @@ def _with_angles(
         meaning.kind == "joint" and meaning.unit in ANGLE_UNITS and meaning.why == "its header" for meaning in meant
     ):
         return meant  # where others state an angle, one that states nothing may be a slide
-    if sizes and TURN < max(sizes) <= np.degrees(TURN):  # beyond a turn in degrees it is neither
+    moving = [size for size, read in zip(sizes, of_joints, strict=True) if np.ptp(read) > 0.0]
+    alike = sliding is not None or min(moving, default=np.inf) > TURN
+    if sizes and TURN < max(sizes) <= np.degrees(TURN) and alike:  # beyond a turn in degrees it is neither
         why = f"a value of {max(sizes):.4g} is no angle in rad"
         return changed(meant, lambda meaning: meaning.kind == "joint" and is_open(meaning), unit="deg", why=why)
     return meant
@@ -494,15 +508,20 @@ def _with_unit(text: str) -> tuple[str, str | None]:
     In brackets it may be none that is known.
     """
     if (match := BRACKETS.fullmatch(text)) and not COUNTED.fullmatch(match[2]):
-        return match[1], None if REMARK.fullmatch(match[2]) else match[2].replace("°", "deg")
+        return match[1], None if REMARK.fullmatch(match[2]) else named_unit(match[2])
     if match := BEHIND.fullmatch(text):
-        return match["base"], (match["short"] or match["unit"]).replace("°", "deg")
+        return match["base"], named_unit(match["short"] or match["unit"])
     return text, None
+
+
+def named_unit(text: str) -> str:
+    """Return a unit of a header as `ANGLE_UNITS` calls it: `Grad` are degrees, and `grad` may be gradians."""
+    return "deg" if text == "Grad" else text.replace("°", "deg")
 
 
 def _meaning(text: str, header: str, cells: Cells, comment: str | None, asked: bool, joints: Sequence[str]) -> Meaning:
     taken_as, (text, unit) = text, _with_unit(text.strip())
-    other, unit = unit in OTHERS, "deg" if unit == "Grad" else unit and unit.lower()
+    other, unit = unit in OTHERS, unit and unit.lower()
     word, why = text.strip().lower(), "as asked" if asked else "its name"
     in_header = "as asked" if asked else "its header"
     if asked and word == "unused":
@@ -537,10 +556,13 @@ def _meaning(text: str, header: str, cells: Cells, comment: str | None, asked: b
     if re.fullmatch(NAMES, word):
         named = isinstance(cells, np.ndarray) or any(str(cell).strip() for cell in cells)
         return Meaning(header, "name", "pose", "", why) if named else Meaning(header, "unused", "", "", "it is empty")
-    if re.fullmatch(TIMES, word) and not other:
+    dated = re.fullmatch(DATES, word) and not unit
+    if (dated or re.fullmatch(TIMES, word)) and not other:
         if text.strip() == "T" and not unit and not asked and np.isfinite(numbers(cells)).any():
             return Meaning(header, "time", "time", None, EITHER)
         largest = np.nanmax(values) if np.isfinite(values := numbers(cells)).any() else 0.0
+        if dated and SPREADSHEET[0] < largest < SPREADSHEET[1]:
+            return Meaning(header, "time", "time", "d", DAYS)
         stamp = next((name for name, size in STAMPS.items() if SINCE_1970 < size * largest < UNTIL), "")
         return Meaning(header, "time", "time", unit or stamp, in_header if unit else BY_SIZE if stamp else why)
     if word in KEPT:

@@ -40,7 +40,8 @@ UNIT = re.compile(r"[\[(][^\])]{0,8}[\])]")
 """A cell below a name that is a unit, whatever it is of."""
 
 LISTED = re.compile(r"[\[(]\s*(.*?)\s*,?\s*[\])]")
-"""A cell that holds a list."""
+BETWEEN = re.compile(r"\s*,\s*|\s+")
+"""A cell that holds a list, and what stands between its parts."""
 
 NO_READING = re.compile(
     r"|[-–—.*?]+|[-+]?(?:1\.#)?(?:nan|ind|inf(?:inity)?|qnan|snan)(?:\(.*\))?|none|null|nil|#?n/?a|#value!|#num!|empty|lost"
@@ -49,6 +50,12 @@ NO_READING = re.compile(
     re.IGNORECASE,
 )
 """A cell in place of a coordinate that was not read."""
+
+LISTS = re.compile(
+    r"(?:\w+\.)*?(?:(?P<message>name|position)|(?P<base>q|posj|jpos|joints?))(?P<unit>[_ ]?[\[(]?[a-z°]*[\])]?)",
+    re.IGNORECASE,
+)
+"""Header of a column whose cells may be the names or positions of all joints."""
 
 THOUSANDS = re.compile(
     r"([+-]?\d{1,3}(?:(['’ \u00a0\u202f])\d{3})(?:\2\d{3})*)([.,]\d+)?|([+-]?\d{1,3}(?:,\d{3})+\.\d+)"
@@ -342,14 +349,18 @@ def _named_joints(source: SourceTable) -> SourceTable:
     `['a', 'b']`, `(0.1, 0.2)`.
     """
     header, columns = list(source.header), list(source.columns)
-    for base in ("name", "position"):
-        at = next((i for i, name in enumerate(header) if re.fullmatch(rf"(?:\w+\.)*{base}", name)), None)
-        matches = [LISTED.fullmatch(str(cell)) for cell in columns[at]] if at is not None else []
-        if at is not None and matches and all(matches):
-            rows = [[part.strip("'\" ") for part in match[1].split(",")] for match in matches if match]
-            if len({len(row) for row in rows}) == 1:
-                header[at : at + 1] = [f"{base}_{i}" for i in range(len(rows[0]))]
-                columns[at : at + 1] = list(zip(*rows, strict=True))
+    for at, name in reversed([*enumerate(header)]):
+        listed = LISTS.fullmatch(name.strip())
+        matches = [LISTED.fullmatch(str(cell)) for cell in columns[at]] if listed else []
+        rows = [[part.strip("'\" ") for part in BETWEEN.split(match[1])] for match in matches if match]
+        if listed and rows and len(rows) == len(matches) and len({len(row) for row in rows}) == 1:
+            base, mark, unit = (
+                listed["message"] or listed["base"],
+                "_{}" if listed["message"] else "[{}]",
+                listed["unit"],
+            )
+            header[at : at + 1] = [f"{base}{mark.format(i)}{unit}" for i in range(len(rows[0]))]
+            columns[at : at + 1] = list(zip(*rows, strict=True))
     of = {
         base: {
             match[1]: i for i, name in enumerate(header) if (match := re.fullmatch(rf"(?:\w+\.)*{base}_?(\d+)", name))
@@ -373,7 +384,7 @@ def _named_joints(source: SourceTable) -> SourceTable:
 def _number(cell: str) -> bool:
     """Return whether a cell is a number, or a list of them."""
     if match := LISTED.fullmatch(cell):
-        return all(NUMBER.fullmatch(part.strip()) for part in match[1].split(","))
+        return all(map(NUMBER.fullmatch, BETWEEN.split(match[1])))
     if match := MEASURE.fullmatch(cell):
         cell = match[1]
     return bool(NUMBER.fullmatch(cell) or COMMA.fullmatch(cell))

@@ -410,7 +410,8 @@ def text_lines(path: Path) -> Iterator[str]:
                 if bad := unprintable(text := "".join(lines)):
                     raise TableError(Place(path, line + text.count("\n", 0, bad[0])), bad[1])
                 line += len(lines)
-                yield from lines
+                old = len(lines) == 1 and "\r" in lines[0].rstrip("\r\n")  # ends of lines as a Mac once wrote them
+                yield from re.findall(r"[^\r]*\r?\n?", lines[0])[:-1] if old else lines
     except OSError as error:
         raise TableError(Place(path), f"cannot be read: {error.strerror}") from None
     except UnicodeError:

@@ -4,6 +4,7 @@ import csv
 import json
 import tomllib
 from collections.abc import Sequence
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -318,6 +319,47 @@ def test_days_beside_clocks_and_stamps_in_wide_exports(tmp_path: Path) -> None:
     assert "Nr" not in found.columns
 
 
+@pytest.mark.parametrize(
+    ("head", "stamps", "begins", "lasts"),
+    [("Timestamp", "03/12/2024 23:50:00|03/13/2024 00:10:00", "2024-03-12T23:50", 1200.0),
+     ("Timestamp", "30/01/2024 23:50:00|01/02/2024 00:10:00", "2024-01-30T23:50", 87600.0),
+     ("Zeit", "12. März 2024 10:00|13. März 2024 10:00", "2024-03-12T10:00", 86400.0),
+     ("Time", "Tue Mar 12 10:00:00 2024|Tue Mar 12 10:00:05 2024", "2024-03-12T10:00", 5.0),
+     ("Fecha", "12-ago-2024 10:00:00|12-ago-2024 10:00:05", "2024-08-12T10:00", 5.0),
+     ("Date", "45363.5|45363.75", "2024-03-12T12:00", 21600.0)],
+)  # fmt: skip
+def test_days_are_written_as_people_write_them(
+    tmp_path: Path, head: str, stamps: str, begins: str, lasts: float
+) -> None:
+    """Of a day whose month may come first all of a file are of one kind: that which makes it short."""
+    first, last = stamps.split("|")
+    rows = [f"{name},{first if i < 3 else last},{10 * i},{20 * i}" for i, name in enumerate(NAMES)]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([f"Point,{head},J1 [deg],J2 [deg]", *rows]))
+    export = written(tmp_path, "", EXPORTS["spatialanalyzer"])[1]
+    time = intake([path, export], 5e-5).columns["time"]
+    assert str(time[0]).startswith(begins)
+    between = datetime.fromisoformat(time[-1]) - datetime.fromisoformat(time[0])
+    assert between.total_seconds() == pytest.approx(lasts)
+
+
+def test_a_day_that_may_be_another_one_is_said(tmp_path: Path) -> None:
+    paths = spelt(tmp_path, [f"J{i}" for i in range(1, 7)])
+    lines = paths[0].read_text().splitlines()
+    paths[0].write_text(
+        "\n".join([f"Zeit,{lines[0]}", *(f"03/12/2024 10:0{i}:00,{line}" for i, line in enumerate(lines[1:]))])
+    )
+    assert any("is taken as 2024-12-03, and may be 2024-03-12" in note for note in intake(paths, 5e-5).notes)
+
+
+def test_lines_may_end_as_on_old_macs(tmp_path: Path) -> None:
+    paths = spelt(tmp_path, [f"J{i}" for i in range(1, 7)], "name,X misurata [mm],Y misurata [mm],Z misurata [mm]")
+    for path in paths:
+        path.write_bytes(path.read_bytes().replace(b"\n", b"\r"))
+    found = intake(paths, 5e-5)
+    assert np.allclose(np.array([found.columns[axis] for axis in "xyz"]).T, 1e-3 * XYZ, atol=1e-9)
+
+
 def test_what_is_taken_outweighs_what_is_guessed(tmp_path: Path) -> None:
     log = "Time,Timestamp,J1 [deg]\n" + "\n".join(f"{i},{100 + 2 * i},{10 * i}" for i in range(6))
     paths = written(tmp_path, log, EXPORTS["leica"])[:1]
@@ -439,7 +481,9 @@ DEGREES = np.random.default_rng(3).uniform(-150.0, 150.0, (len(NAMES), 6))
      (" ".join(f"panda_joint{i}" for i in range(1, 7)), "panda_joint1"), ("JT1 JT2 JT3 JT4 JT5 JT6", "JT1"),
      (" ".join(f"posj[{i}]" for i in range(6)), "0"), ("th1 th2 th3 th4 th5 th6", "th1"),
      ("Base Shoulder Elbow Wrist_1 Wrist_2 Wrist_3", "shoulder_pan_joint"), ("joint_a1 joint_a2 joint_a3 joint_a4 "
-     "joint_a5 joint_a6", "joint_a1")],
+     "joint_a5 joint_a6", "joint_a1"), (" ".join(f"Istwinkel_A{i}" for i in range(1, 7)), "A1"),
+     (" ".join(f"Achswinkel_{i}" for i in range(1, 7)), "Achswinkel_1"),
+     (" ".join(f"articulation_{i}" for i in range(1, 7)), "articulation_1")],
 )  # fmt: skip
 def test_joints_are_called_as_controllers_call_them(tmp_path: Path, heads: str, first: str) -> None:
     found = intake(spelt(tmp_path, heads.split()), 5e-5)
@@ -453,6 +497,28 @@ def test_torques_and_temperatures_of_joints_are_no_positions(tmp_path: Path) -> 
     found = intake(spelt(tmp_path, heads), 5e-5)
     assert [name for name in found.columns if name.startswith("q_")] == ["q_panda_joint1", "q_panda_joint2"]
     assert np.allclose(found.columns["temp_joint2"], DEGREES[:, 3], atol=1e-6)
+
+
+def test_a_joint_that_may_slide_makes_no_degrees_of_the_others(tmp_path: Path) -> None:
+    """Two joints in rad and a slide in mm have one number that is beyond a turn."""
+    rows = [f"{name},{0.2 * i},{-0.1 * i},{40.0 * i}" for i, name in enumerate(NAMES)]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(["Point,J1,J2,J3", *rows]))
+    paths = [path, written(tmp_path, "", EXPORTS["spatialanalyzer"])[1]]
+    with pytest.raises(InputError, match="the unit of column 'J1' is stated nowhere"):
+        intake(paths, 5e-5)
+    found = intake(paths, 5e-5, {"J1": "q_J1_rad", "J2": "q_J2_rad", "J3": "q_J3_mm"})
+    assert found.columns["q_J3"][-1] == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(("head", "between"), [("q_deg", ", "), ("robot.joints [deg]", ","), ("JPos (°)", " ")])
+def test_a_cell_may_hold_all_joints(tmp_path: Path, head: str, between: str) -> None:
+    paths = spelt(tmp_path, [f"J{i}" for i in range(1, 7)])
+    rows = [f"{name}\t[{between.join(map(str, row))}]" for name, row in zip(NAMES, DEGREES.round(6), strict=True)]
+    paths[0].write_text("\n".join([f"point\t{head}", *rows]))
+    found = intake(paths, 5e-5)
+    joints = [name for name in found.columns if name.startswith("q_")]
+    assert np.allclose(np.array([found.columns[name] for name in joints]).T, np.radians(DEGREES), atol=1e-6)
 
 
 def test_counts_without_a_unit_are_no_degrees(tmp_path: Path) -> None:
@@ -476,7 +542,8 @@ def test_east_north_and_up_are_x_y_and_z(tmp_path: Path, head: str) -> None:
     ("head", "cells"),
     [(r"\theta_i,d_i [mm],a_{i-1} [mm],\alpha_{i-1}", ("90°", "-45°")), ("θᵢ,dᵢ [mm],aᵢ₋₁ [mm],αᵢ₋₁", ("½π", "−¼π")),
      ("theta [deg],d [mm],a_{i-1} [mm],alpha_{i-1}", ("90°", "-pi/4")),
-     ("theta,d [mm],a_(i-1) [mm],alpha_(i-1)", ("pi/2", "-45 deg"))],
+     ("theta,d [mm],a_(i-1) [mm],alpha_(i-1)", ("pi/2", "-45 deg")),
+     ("θ,d [mm],a_(i-1) [mm],alpha_(i-1) [Grad]", ("q1 + 90°", "-45"))],
 )  # fmt: skip
 def test_cells_of_a_dh_table_say_their_unit(tmp_path: Path, head: str, cells: tuple[str, str]) -> None:
     """A degree sign beside a pi is that of its cell alone."""
@@ -488,6 +555,20 @@ def test_cells_of_a_dh_table_say_their_unit(tmp_path: Path, head: str, cells: tu
     assert joints["joint"]["J1"]["theta_deg"] == pytest.approx(90.0)
     assert joints["joint"]["J2"]["alpha_deg"] == pytest.approx(-45.0)
     assert joints["joint"]["J3"]["d_mm"] == pytest.approx(200.0)
+
+
+@pytest.mark.parametrize(
+    ("head", "row", "open_"),
+    [("theta,d [mm],a [mm],alpha [deg]", "1.5,400,50,90", "'theta'"),
+     ("theta [deg],d [mm],a,alpha [deg]", "90,400,0.5,90", "'a'")],
+)  # fmt: skip
+def test_a_column_of_a_dh_table_has_its_unit_not_from_one_that_states_another(
+    tmp_path: Path, head: str, row: str, open_: str
+) -> None:
+    """1.5 beside 90 degrees may be rad, and 0.5 beside 400 mm may be m."""
+    (tmp_path / "dh.csv").write_text("\n".join([head, *[row] * 6]) + "\n")
+    with pytest.raises(InputError, match=f"the unit of {open_} is open"):
+        intake([*spelt(tmp_path, [f"J{i}" for i in range(1, 7)]), tmp_path / "dh.csv"], 5e-5, dh="standard")
 
 
 def test_an_external_axis_is_asked_whether_it_slides(tmp_path: Path) -> None:

@@ -261,6 +261,7 @@ def test_no_name_in_a_figure_is_on_another() -> None:
         (74.2, 6.83, "N/m", "74 ± 7 N/m"),
         (2.5e7, 3e5, "N/m", "(2.50 ± 0.03) × 10⁷ N/m"),
         (19.907, None, "degC", "19.9 °C"),
+        (3.0, None, "as recorded", "3"),
         (0.0, 0.0, "rad", "0 rad"),
         (-2.772e-9, 0.0, "m/Nm", "−2.77 nm/Nm"),
     ],

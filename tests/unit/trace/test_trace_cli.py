@@ -118,7 +118,7 @@ def test_what_is_no_likelier_than_all_else_that_it_may_be_has_no_name(ran, capsy
     assert headline(doubted) == "Something is missing whose cause these data do not settle."
     print_trace(doubted)
     told = capsys.readouterr().out
-    assert "Effects identified" not in told and "In the arm, but not settled" in told
+    assert "Effects identified" not in told and "In the arm, but not settled" in told and " mrad" in told
     assert [each["named"] for report in (doubted, found) for each in as_json(report)["effects"]] == [False, True]
     assert headline(found).startswith("Identified: ") and "Not settled" not in " ".join(further(found))
     tie, lead = (
