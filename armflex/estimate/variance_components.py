@@ -28,9 +28,12 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri, dtrtrs
 
-from armflex.conventions import RESOLUTION, Array
+from armflex.conventions import Array
 from armflex.errors import ConvergenceError
 from armflex.estimate.fit import THOROUGH
+
+LEAST_INFORMED = 1e-3
+"""Tolerance: information of the readings on an amplitude, by that of its prior, below which it is left out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +103,20 @@ class MixedModel:
                 break
         return here.without_idle()
 
+    def fitted_near(self, start: Components) -> Components:
+        """Return the model with the variances that maximise the likelihood, sought from others.
+
+        What is not there comes in where the likelihood rises with it, each once.
+
+        Raises:
+            ConvergenceError: The columns are not finite.
+        """
+        here, waiting = self.fitted(start), start.ratios == 0.0
+        while (rising := waiting & (here.gains_with > THOROUGH.flat)).any():
+            waiting &= ~rising
+            here = self.fitted(self.at(np.where(rising, self.usual, here.ratios)))
+        return here
+
 
 @dataclass(frozen=True, eq=False)
 class Components:
@@ -117,7 +134,7 @@ class Components:
     def spread(self) -> Array:
         """(K,) D^1/2, standard deviation of each amplitude by the noise."""
         variance = self.ratios @ self.model.variances
-        return np.sqrt(np.where(variance * np.diag(self.model.gram) > RESOLUTION, variance, 0.0))
+        return np.sqrt(np.where(variance * np.diag(self.model.gram) > LEAST_INFORMED, variance, 0.0))
 
     @cached_property
     def columns(self) -> np.ndarray:
@@ -206,6 +223,17 @@ class Components:
         shares = 0.5 * inside / variance
         cross = 0.5 * by_noise / variance
         return shares - np.outer(cross, cross) / (0.5 * self.model.freedom)
+
+    @property
+    def gains_with(self) -> Array:
+        """(C,) nats that a component promises which is not there, by its slope and what it is known by alone."""
+        inside = self._inverse @ (self.spread[self.columns, None] * self.model.gram[self.columns])
+        score = self.model.score - inside.T @ self._pull
+        left = np.diag(self.model.gram) - np.einsum("kK,kK->K", inside, inside)
+        slope = 0.5 * self.model.variances @ (score**2 / self.noise**2 - left)
+        information = 0.5 * self.model.variances**2 @ left**2
+        rises = (self.ratios == 0.0) & (slope > 0.0) & (information > 0.0)
+        return np.where(rises, 0.5 * slope**2 / np.where(rises, information, 1.0), 0.0)
 
     @property
     def promised(self) -> float:
