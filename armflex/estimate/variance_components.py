@@ -17,7 +17,8 @@ variance drop out, so a component that is not there has size zero.
 Sizes climb by their logarithms: Newton's steps with the average information (Gilmour, Thompson and Cullis 1995,
 Biometrics 51, 1440-1450), damped as Levenberg and Marquardt do. The slope by log r_c is that of the columns, z_k^2 / 2v
 - (1 - [Q^-1]_kk) / 2 each, by the share of its variance that is the component's; the average information of two
-components is m_b'(G - G D^1/2 Q^-1 D^1/2 G) m_c / 2v with m_c = r_c V_c D^-1/2 z.
+components is m_b'(G - G D^1/2 Q^-1 D^1/2 G) m_c / 2v with m_c = r_c V_c D^-1/2 z, that is u_b'(1 - Q^-1) u_c / 2v with
+u_c = D^-1/2 m_c.
 """
 
 from __future__ import annotations
@@ -63,6 +64,16 @@ class MixedModel:
     def usual(self) -> Array:
         """(C,) variances by the noise's of which each makes a tenth of the noise's at a reading."""
         return 0.1 / np.where(self.unit > 0.0, self.unit, np.inf)
+
+    def among(self, places: np.ndarray) -> Array:
+        """Return the (k, k) products of some columns with one another, held of the last that were asked."""
+        if not np.array_equal(self._held.get("places"), places):
+            self._held["places"], self._held["gram"] = places, self.gram.take(places, 0).take(places, 1)
+        return self._held["gram"]
+
+    @cached_property
+    def _held(self) -> dict[str, np.ndarray]:
+        return {}
 
     def at(self, ratios: Array) -> Components:
         """Return the model with (C,) variances of the components by the noise's."""
@@ -145,7 +156,8 @@ class Components:
     def _root(self) -> Array:
         """(k, k) Cholesky factor L of Q."""
         at = self.columns
-        whole = self.model.gram[np.ix_(at, at)] * (self.spread[at] * self.spread[at, None])
+        whole = self.model.among(at) * self.spread[at]
+        whole *= self.spread[at, None]
         whole[np.diag_indices(len(at))] += 1.0
         if not len(at):
             return whole
@@ -211,15 +223,11 @@ class Components:
 
         The noise is free as well: its part is eliminated.
         """
-        at, variance = self.columns, self.noise**2
-        wide = np.zeros((len(self.spread), len(self.ratios)))
-        inner = (self.spread[at] * self.scaled)[:, None] * self._shares.T  # (k, C): K_c P y = X times these
-        wide[at] = inner
-        product = (self.model.gram @ wide)[at]
-        taken = self._inverse @ (self.spread[at, None] * product)
-        inside = inner.T @ product - taken.T @ taken
+        variance, shared = self.noise**2, self.scaled[:, None] * self._shares.T  # (k, C): D^-1/2 m_c
+        left = self._inverse @ shared
+        inside = shared.T @ shared - left.T @ left
         # P y times what noise would be: its cross products with the others are those with the residual.
-        by_noise = inner.T @ (self.scaled / self.spread[at])
+        by_noise = shared.T @ self.scaled
         shares = 0.5 * inside / variance
         cross = 0.5 * by_noise / variance
         return shares - np.outer(cross, cross) / (0.5 * self.model.freedom)

@@ -267,10 +267,10 @@ class Kinds:
         for it. They are sought from those of a background that may be `near`.
         """
         projection = self._with_constants(projection)
-        gram = self.columns.T @ projection.left_of(self.columns)
+        gram = projection.inside(self.columns)
         score = self.columns.T @ projection.residual
         square = projection.objective + projection.freedom * LEAST_SCATTER**2
-        model = MixedModel(0.5 * (gram + gram.T), score, square, projection.freedom, self.variances)
+        model = MixedModel(gram, score, square, projection.freedom, self.variances)
         return Sized(
             self, projection, model, model.at(np.array([near.ratios.get(part, 0.0) for part in self.components]))
         )
