@@ -17,7 +17,8 @@ variance drop out, so a component that is not there has size zero.
 Sizes climb by their logarithms: Newton's steps with the average information (Gilmour, Thompson and Cullis 1995,
 Biometrics 51, 1440-1450), damped as Levenberg and Marquardt do. The slope by log r_c is that of the columns, z_k^2 / 2v
 - (1 - [Q^-1]_kk) / 2 each, by the share of its variance that is the component's; the average information of two
-components is m_b'(G - G D^1/2 Q^-1 D^1/2 G) m_c / 2v with m_c = r_c V_c D^-1/2 z.
+components is m_b'(G - G D^1/2 Q^-1 D^1/2 G) m_c / 2v with m_c = r_c V_c D^-1/2 z, that is u_b'(1 - Q^-1) u_c / 2v with
+u_c = D^-1/2 m_c.
 """
 
 from __future__ import annotations
@@ -28,9 +29,12 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri, dtrtrs
 
-from armflex.conventions import RESOLUTION, Array
+from armflex.conventions import Array
 from armflex.errors import ConvergenceError
 from armflex.estimate.fit import THOROUGH
+
+LEAST_INFORMED = 1e-3
+"""Tolerance: information of the readings on an amplitude, by that of its prior, below which it is left out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +64,16 @@ class MixedModel:
     def usual(self) -> Array:
         """(C,) variances by the noise's of which each makes a tenth of the noise's at a reading."""
         return 0.1 / np.where(self.unit > 0.0, self.unit, np.inf)
+
+    def among(self, places: np.ndarray) -> Array:
+        """Return the (k, k) products of some columns with one another, held of the last that were asked."""
+        if not np.array_equal(self._held.get("places"), places):
+            self._held["places"], self._held["gram"] = places, self.gram.take(places, 0).take(places, 1)
+        return self._held["gram"]
+
+    @cached_property
+    def _held(self) -> dict[str, np.ndarray]:
+        return {}
 
     def at(self, ratios: Array) -> Components:
         """Return the model with (C,) variances of the components by the noise's."""
@@ -100,6 +114,20 @@ class MixedModel:
                 break
         return here.without_idle()
 
+    def fitted_near(self, start: Components) -> Components:
+        """Return the model with the variances that maximise the likelihood, sought from others.
+
+        What is not there comes in where the likelihood rises with it, each once.
+
+        Raises:
+            ConvergenceError: The columns are not finite.
+        """
+        here, waiting = self.fitted(start), start.ratios == 0.0
+        while (rising := waiting & (here.gains_with > THOROUGH.flat)).any():
+            waiting &= ~rising
+            here = self.fitted(self.at(np.where(rising, self.usual, here.ratios)))
+        return here
+
 
 @dataclass(frozen=True, eq=False)
 class Components:
@@ -117,7 +145,7 @@ class Components:
     def spread(self) -> Array:
         """(K,) D^1/2, standard deviation of each amplitude by the noise."""
         variance = self.ratios @ self.model.variances
-        return np.sqrt(np.where(variance * np.diag(self.model.gram) > RESOLUTION, variance, 0.0))
+        return np.sqrt(np.where(variance * np.diag(self.model.gram) > LEAST_INFORMED, variance, 0.0))
 
     @cached_property
     def columns(self) -> np.ndarray:
@@ -128,7 +156,8 @@ class Components:
     def _root(self) -> Array:
         """(k, k) Cholesky factor L of Q."""
         at = self.columns
-        whole = self.model.gram[np.ix_(at, at)] * (self.spread[at] * self.spread[at, None])
+        whole = self.model.among(at) * self.spread[at]
+        whole *= self.spread[at, None]
         whole[np.diag_indices(len(at))] += 1.0
         if not len(at):
             return whole
@@ -194,18 +223,25 @@ class Components:
 
         The noise is free as well: its part is eliminated.
         """
-        at, variance = self.columns, self.noise**2
-        wide = np.zeros((len(self.spread), len(self.ratios)))
-        inner = (self.spread[at] * self.scaled)[:, None] * self._shares.T  # (k, C): K_c P y = X times these
-        wide[at] = inner
-        product = (self.model.gram @ wide)[at]
-        taken = self._inverse @ (self.spread[at, None] * product)
-        inside = inner.T @ product - taken.T @ taken
+        variance, shared = self.noise**2, self.scaled[:, None] * self._shares.T  # (k, C): D^-1/2 m_c
+        left = self._inverse @ shared
+        inside = shared.T @ shared - left.T @ left
         # P y times what noise would be: its cross products with the others are those with the residual.
-        by_noise = inner.T @ (self.scaled / self.spread[at])
+        by_noise = shared.T @ self.scaled
         shares = 0.5 * inside / variance
         cross = 0.5 * by_noise / variance
         return shares - np.outer(cross, cross) / (0.5 * self.model.freedom)
+
+    @property
+    def gains_with(self) -> Array:
+        """(C,) nats that a component promises which is not there, by its slope and what it is known by alone."""
+        inside = self._inverse @ (self.spread[self.columns, None] * self.model.gram[self.columns])
+        score = self.model.score - inside.T @ self._pull
+        left = np.diag(self.model.gram) - np.einsum("kK,kK->K", inside, inside)
+        slope = 0.5 * self.model.variances @ (score**2 / self.noise**2 - left)
+        information = 0.5 * self.model.variances**2 @ left**2
+        rises = (self.ratios == 0.0) & (slope > 0.0) & (information > 0.0)
+        return np.where(rises, 0.5 * slope**2 / np.where(rises, information, 1.0), 0.0)
 
     @property
     def promised(self) -> float:

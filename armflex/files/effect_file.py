@@ -102,8 +102,8 @@ def _inner(table: Declaration, law: EffectLaw, values: Mapping[str, float]) -> l
                 "parameters", f"{parameter.name!r} [{parameter.unit.format(m='m', w='N', over='rad or N')}] is missing"
             )
         value = values.get(parameter.name, parameter.default or 0.0)
-        least = "0 or more" if parameter.default == 0.0 else "more than 0"
-        if parameter.positive and (value < 0.0 or (value == 0.0 and least == "more than 0")):
+        if parameter.positive and (value < 0.0 or (value == 0.0 and not parameter.may_be_zero)):
+            least = "0 or more" if parameter.may_be_zero else "more than 0"
             raise table.fail("parameters", f"{parameter.name} is {value:g}, expected {least}")
         inner.append(value)
     return inner

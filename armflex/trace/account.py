@@ -229,16 +229,21 @@ def _found(outcome: Weighed, number: int) -> Found:
         number=state.effects[number].number,
         probability=credible.probability,
         credible=_others(credible),
-        determined=_is_determined(state, number),
+        determined=_is_determined(outcome.averaged, number),
     )
 
 
-def _is_determined(state: State, number: int) -> bool:
-    """Return whether the amplitudes of an effect differ from zero beyond chance, whatever all other values are."""
-    block, fit = state.effects[number], state.fit
+def _is_determined(averaged: Averaged, number: int) -> bool:
+    """Return whether the amplitudes of an effect differ from zero beyond chance, whatever all other values are.
+
+    As uncertain as they are stated: parts of the campaign that disagree about them count, too.
+    """
+    fit, block = averaged.state.fit, averaged.state.effects[number]
     places = fit.places(block)[: len(block.effect.location.terms)]
     places = places[np.isfinite(fit.posterior.std[places])]  # what nothing determines shows nothing
-    covariance, values = fit.posterior.covariance[np.ix_(places, places)], fit.values[places]
+    covariance = fit.posterior.covariance[np.ix_(places, places)]
+    wider = np.sqrt(np.maximum(averaged.scatter[places] / np.diag(covariance), 1.0))
+    covariance, values = covariance * wider * wider[:, None], fit.values[places]
     return bool(values @ np.linalg.pinv(covariance, hermitian=True) @ values > chdtri(len(places) or 1, DOUBT))
 
 

@@ -51,7 +51,7 @@ from armflex.robot.urdf import Joint
 from armflex.rows.rows import APPROACH, TIME, Rows
 from armflex.trace.bank import Bank
 from armflex.trace.hypotheses import EFFECTS, FAMILIAL
-from armflex.trace.projection import LEAST_INFORMED, LEAST_SCATTER, Projection
+from armflex.trace.projection import LEAST_SCATTER, Projection
 from armflex.trace.selection import MOST_TRIED, SCALES, WITHIN
 
 
@@ -150,6 +150,7 @@ class Background:
         walks: What wanders.
         of: Family of each of those, effects first.
         amplitudes: Where a fit starts, behind one another.
+        explained: (n,) what they explain of the whitened readings there.
         price: What it costs to have chosen one among all families [nats].
         ratios: Variance of each component by the noise's, see `Kinds.components`.
     """
@@ -159,6 +160,7 @@ class Background:
     walks: tuple[Walk, ...] = ()
     of: tuple[str, ...] = ()
     amplitudes: Array = field(default_factory=lambda: np.zeros(0))
+    explained: Array = field(default_factory=lambda: np.zeros(0))
     price: float = 0.0
     ratios: Mapping[tuple[str, int], float] = field(default_factory=dict)
 
@@ -265,12 +267,13 @@ class Kinds:
         for it. They are sought from those of a background that may be `near`.
         """
         projection = self._with_constants(projection)
-        gram = self.columns.T @ projection.left_of(self.columns)
+        gram = projection.inside(self.columns)
         score = self.columns.T @ projection.residual
         square = projection.objective + projection.freedom * LEAST_SCATTER**2
-        model = MixedModel(0.5 * (gram + gram.T), score, square, projection.freedom, self.variances)
-        start = [near.ratios.get(one, usual) for one, usual in zip(self.components, model.usual, strict=True)]
-        return Sized(self, projection, model, model.at(np.array(start)))
+        model = MixedModel(gram, score, square, projection.freedom, self.variances)
+        return Sized(
+            self, projection, model, model.at(np.array([near.ratios.get(part, 0.0) for part in self.components]))
+        )
 
     def _with_constants(self, projection: Projection) -> Projection:
         view = self.fit.view
@@ -309,7 +312,7 @@ class Sized:
         kinds: The families.
         projection: What else is fitted.
         model: The linear problem.
-        begun: Sizes from which those are sought.
+        begun: Sizes near which those are sought; all zero where none are known.
     """
 
     kinds: Kinds
@@ -324,7 +327,7 @@ class Sized:
         Raises:
             ConvergenceError: What families do is not finite.
         """
-        return self.model.fitted(self.begun)
+        return self.model.fitted_near(self.begun) if self.begun.ratios.any() else self.model.fitted()
 
     @property
     def families(self) -> Families:
@@ -383,8 +386,7 @@ class Sized:
                 if fewer is None or sizes.log_likelihood - fewer.log_likelihood > price:
                     break
             sizes = self.model.fitted(fewer)
-        informed, amplitudes = sizes.spread**2 * np.diag(self.model.gram) > LEAST_INFORMED, sizes.amplitudes
-        std = np.where(informed, sizes.spread, 0.0)
+        std, amplitudes = sizes.spread, sizes.amplitudes
         effects, walks = list[tuple[str, EffectBlock, Array]](), list[tuple[str, Walk, Array]]()
         for part, place in zip(kinds.parts, kinds.slices, strict=True):
             block = part.block(std[place], kinds.context, kinds.fit.view.driven, kinds.fit.view.rows)
@@ -399,6 +401,7 @@ class Sized:
             tuple(block for _, block, _ in walks),
             tuple(family for family, *_ in (*effects, *walks)),
             np.concatenate([np.zeros(0), *(own for *_, own in (*effects, *walks))]),
+            kinds.columns @ amplitudes,
             price,
             {one: ratio for one, ratio in zip(kinds.components, sizes.ratios.tolist(), strict=True) if ratio > 0.0},
         )

@@ -19,7 +19,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.errors import ArmflexError
 from armflex.estimate.block import EffectBlock, amplitude_prior
-from armflex.estimate.fit import moved
+from armflex.estimate.fit import ROUGH, moved
 from armflex.estimate.pose_block import PoseBlock
 from armflex.estimate.robust import ROWS_AT_ONCE
 from armflex.laws.effects.candidate import places_of
@@ -49,6 +49,9 @@ from armflex.trace.selection import (
 )
 from armflex.trace.state import State, of_poses, refit, resized, sorted_out, with_all_of, with_random
 from armflex.trace.unrecorded import RandomTwist, as_likely, localise
+
+STEP = replace(ROUGH, iterations=1)
+"""Tolerance: how far a fit goes between two that choose families."""
 
 MOST_SHAPED = 10
 """Tolerance: places of free shapes at which waves and bumps are sought."""
@@ -164,15 +167,16 @@ def beginning(state: State) -> Standing:
 def with_families(state: State) -> State:
     """Return the state with the families that it needs, itself where the arm does not come to rest with them.
 
-    A linear problem is wrong where much is missing: families are sought again where others came in.
+    A linear problem is wrong where much is missing: families are sought again where others came in, after one step.
     """
-    for _ in range(MOST_TRIED):
-        before = state
-        with suppress(ArmflexError):
-            state = resized(before)
-        if state.background.names == before.background.names:
-            break
-    return state
+    begun = state
+    with suppress(ArmflexError):
+        for _ in range(MOST_TRIED):
+            names, state = state.background.names, resized(state, STEP)
+            if state.background.names == names:
+                break
+        return state if state is begun else refit(state, state.effects, state.random, state.fit.values)
+    return begun
 
 
 def linear(state: State, hypotheses: Sequence[Hypothesis] = ()) -> Standing:

@@ -27,6 +27,7 @@ from typing import NamedTuple
 from weakref import WeakKeyDictionary, ref
 
 import numpy as np
+from scipy.linalg import eigvalsh_tridiagonal, get_lapack_funcs
 from scipy.linalg.lapack import dtrtri
 from scipy.special import log_ndtr
 
@@ -54,6 +55,9 @@ MOST_COMPETING = 40
 
 MODELS_HELD = 64
 """Tolerance: models whose evidence is held at a time."""
+
+WIDE = 24
+"""Tolerance: columns from which on a tridiagonal form takes less time than eigenvectors."""
 
 WITHIN, GRID_ERROR, SHORT = 12.0, 0.1, 8
 """Tolerance: log odds below the best at which a hypothesis still competes; the share of what a hypothesis explains that
@@ -336,6 +340,10 @@ class Beside:
         axes_of = {} if self.model else block.axes
         for (numbers, places, _, signed), inside in zip(block.batches, insides, strict=True):
             score, size = scores[places], places.shape[1]
+            if size > WIDE:
+                for number, within, pull in zip(numbers.tolist(), inside, score, strict=True):
+                    odds[number] = self._likelihood_of_wide(within, pull) - here
+                continue
             if size == 1:
                 values, turned = np.maximum(inside[:, 0], 0.0), score
             else:
@@ -351,6 +359,27 @@ class Beside:
             odds[numbers] = logs
         self._odds[block] = odds + block.priors
         return self._odds[block]
+
+    def _likelihood_of_wide(self, inside: Array, score: Array) -> Array:
+        """Return the (T,) log likelihood with a further hypothesis of many columns at each scale.
+
+        In the basis of Lanczos that begins with the score the information is tridiagonal.
+
+        Args:
+            inside: (k, k) what the model leaves of the information of its columns.
+            score: (k,) and of their products with the readings.
+        """
+        bordered = np.zeros((len(score) + 1, len(score) + 1))
+        bordered[1:, 1:], bordered[1:, 0] = inside, score
+        tridiagonal, solved = get_lapack_funcs(("sytrd", "ptsv"), (bordered,))
+        _, diagonal, beside, *_ = tridiagonal(bordered, lower=1)
+        length, diagonal, beside, first = beside[0], diagonal[1:], beside[1:], np.eye(len(score), 1)
+        held = SCALES**-2.0
+        values = np.maximum(eigvalsh_tridiagonal(diagonal, beside), 0.0) + held[:, None]
+        pulls = [length**2 * float(solved(diagonal + least, beside, first)[2][0, 0]) for least in held.tolist()]
+        left = np.maximum(self.left - np.array(pulls), 1e-9 * self.left)
+        logs = log_likelihood(left, self.evidence.freedom) - 0.5 * np.log(values / held[:, None]).sum(axis=1)
+        return logs - 0.5 * self.evidence.doubled * (1.0 - held[:, None] / values).sum(axis=1)
 
     def without(self, place: int) -> Beside:
         """Return the problem beside the model without one hypothesis, which a scan of the whole model makes quick."""

@@ -12,7 +12,7 @@ from armflex.arm import Setup
 from armflex.conventions import Array
 from armflex.estimate.block import Block, EffectBlock
 from armflex.estimate.calibrate import Calibration
-from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit
+from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit, moved
 from armflex.estimate.held_out import judged_by
 from armflex.estimate.outliers import fit_without_lost, lost_among, without_lost
 from armflex.estimate.pose_block import PoseBlock
@@ -304,14 +304,12 @@ def resized(state: State, effort: Effort = ROUGH) -> State:
         ArmflexError: The arm does not come to rest with them, or no fit is found.
     """
     background = state.sized.background
-    return state if background.close_to(state.background) else with_background(state, background, effort)
-
-
-def with_background(state: State, background: Background, effort: Effort = ROUGH) -> State:
-    """Return the state with these families instead of its own, and everything refitted."""
-    values, count = state.fit.values, sum(len(one.parameters) for one in (*state.blocks, *state.effects))
-    random = values[count + len(state.background.families) :]
-    start = np.concatenate([values[:count], background.amplitudes, random])
+    if background.close_to(state.background):
+        return state
+    blocks, named, values = (*state.blocks, *state.effects), state.named, state.fit.values
+    absorbed, count = named.absorbed(named.data - background.explained), sum(len(block.parameters) for block in blocks)
+    start = moved(blocks, values[:count], absorbed[:count] - values[:count])
+    start = np.concatenate([start, background.amplitudes, absorbed[count:]])
     return refit(replace(state, background=background), state.effects, state.random, start, effort)
 
 

@@ -78,6 +78,11 @@ class Inner:
     spread: float | None = None
     default: float | None = None
 
+    @property
+    def may_be_zero(self) -> bool:
+        """Whether zero is one of its values, although below it there is none."""
+        return self.default == 0.0 or 0.0 in self.tried
+
     def moved(self, value: float, by: float) -> float:
         """Return a value moved: by a factor's logarithm where only positive ones make sense, else by a difference."""
         return value * float(np.exp(np.clip(by, -50.0, 50.0))) if self.positive else value + by

@@ -43,7 +43,7 @@ def effects(draw: st.DrawFn) -> Effect:
     values = [abs(v) if amplitude.positive else v for v, amplitude in zip(values, law.amplitudes, strict=True)]
     if law.name in ("payload_mass", "link_mass"):
         values[0] = abs(values[0])  # nothing weighs less than nothing
-    inner = [draw(number) for _ in law.inner]
+    inner = [draw(st.sampled_from(one.tried) | number if one.tried else number) for one in law.inner]
     inner = [abs(v) if one.positive else v for v, one in zip(inner, law.inner, strict=True)]
     seen = [sorted((draw(number), draw(number))) for _ in location.covariates] if draw(st.booleans()) else []
     ranges = tuple((name, low, high) for name, (low, high) in zip(location.covariates, seen, strict=False))

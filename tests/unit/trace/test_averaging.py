@@ -26,7 +26,7 @@ from armflex.trace.resampling import POSES, Resampled
 from armflex.trace.screen import Dense
 from armflex.trace.search import linear, refitted
 from armflex.trace.selection import SCALES, Chosen, Model
-from armflex.trace.state import State, begin, with_background
+from armflex.trace.state import State, begin, refit
 from armflex.trace.validate import Folds
 
 SOME = 24
@@ -209,9 +209,9 @@ def test_a_rival_stands_behind_what_wandered(fitted: State) -> None:
     """A walk is an effect of the arm while it is fitted: what a rival does is not read off that."""
     waves = np.random.default_rng(0).normal(size=(len(fitted.measurements), 3))
     walk = Walk("base", "dx", np.full(3, 1e-3), waves)
-    state = with_background(
-        fitted, Background(("wandering",), walks=(walk,), of=("wandering",), amplitudes=np.zeros(3))
-    )
+    background = Background(("wandering",), walks=(walk,), of=("wandering",), amplitudes=np.zeros(3))
+    start = np.append(fitted.fit.values, np.zeros(3))
+    state = refit(replace(fitted, background=background), fitted.effects, fitted.random, start)
     evidence, own = problem(state, np.log(0.5))
     average = averaged(
         state, evidence, own, bagged(evidence, own, np.ones((4, evidence.columns.shape[0]))).drawn, state.groups
