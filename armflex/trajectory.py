@@ -30,6 +30,7 @@ from armflex.measured.table import (
     NOTHING,
     Table,
     Tabular,
+    asked_columns,
     check_asked,
     check_payloads,
     check_same_arm,
@@ -429,11 +430,13 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
     others = [name for name in table.columns if name not in columns]
     check_load_names(table, arm, others)
     check_asked(table, arm, others)
-    check_unknown(table, others, columns, [*arm.joint_names, *arm.robot.locked])
+    asked = asked_columns(arm)
+    check_unknown(table, [name for name in others if name not in asked], columns, [*arm.joint_names, *arm.robot.locked])
     remarks = [name for name in others if are_remarks(table.texts(name))]
-    warn(
-        [Flag("text_column", f"column {name!r} is text: nothing depends on it, and it is left out") for name in remarks]
-    )
+    if unused := [name for name in others if name in remarks or not (name in asked or name.startswith(APPROACH))]:
+        headers = listing(repr(table.columns[name].header) for name in unused)
+        text = f"{headers}: no effect of this arm depends on {'it' if len(unused) == 1 else 'them'}"
+        warn([Flag("unused_column", f"{Place(table.path, 1)}: a path has no use for {text}")])
     covariates = _covariates(table, [name for name in others if name not in remarks], arm)
     if not len(table):
         raise TableError(Place(table.path), "has a header but no rows")
