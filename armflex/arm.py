@@ -587,13 +587,14 @@ class Arm:
             return array.copy(), ()
         checked = self.checked(array, "q")
         outside = (checked < self.robot.lower - SLACK) | (checked > self.robot.upper + SLACK)
-        beyond = [(self.robot.moving[i], float(checked[i])) for i in np.flatnonzero(outside)]
-        # The first, or the first about which there is more to say.
-        joint, value = next((pair for pair in beyond if other_unit(*pair)), beyond[0])
+        further = np.maximum(self.robot.lower - checked, checked - self.robot.upper)
+        beyond = [(self.robot.moving[i], float(checked[i]), float(further[i])) for i in np.flatnonzero(outside)]
+        # The furthest, or that of those about which there is more to say.
+        joint, value, excess = max(beyond, key=lambda joint: (bool(other_unit(*joint[:2])), joint[2]))
         text = outside_limits(joint, value)
         if enforce_limits:
             raise JointLimitError(text)
-        return checked, (Flag("outside_limits", text),)
+        return checked, (Flag("outside_limits", text, size=excess),)
 
     def within_limits(self, values: Sequence[float]) -> bool:
         """Return whether numbers are positions of all joints, each within its limits and of sensible size."""
