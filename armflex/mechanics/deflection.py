@@ -24,7 +24,7 @@ from armflex.laws.row import MASS
 from armflex.mechanics.certificate import NEAR
 from armflex.mechanics.engine.tables import Frames
 from armflex.mechanics.equilibrium import Equilibrium, find_equilibrium, load_factor
-from armflex.mechanics.loaded import SAG_BAND, LoadedArm, Names, Payload, Structure
+from armflex.mechanics.loaded import LoadedArm, Names, Payload, Structure
 from armflex.mechanics.loop_rows import rigid_tips, solver_of
 from armflex.mechanics.many_rows import (
     AT_ONCE,
@@ -638,7 +638,7 @@ class DeflectionBatch(_Result[Array]):
 
     @cached_property
     def flags(self) -> tuple[Flag, ...]:
-        """Flags, each with the worst row it concerns; those about laws with the first, for which no others are asked."""
+        """Flags, each with the worst row it concerns; those about laws with the first row that has any."""
         unseen = [] if self.first_unseen is None else [(self.first_unseen[0], flag) for flag in self.first_unseen[1]]
         met = sorted((*self.flags_by_row, *unseen), key=lambda pair: pair[0])
         return tuple(worst_of(replace(flag, text=f"row {number}: {flag.text}") for number, flag in met).values())
