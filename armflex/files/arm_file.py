@@ -212,6 +212,7 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
     root.finish()
     asked = _questions(flexures, robot, [name for name in tables if "joint_stiffness" in tables[name].table])
     flags = [*robot.flags, *flags, *asked, *_long(robot, springs), *pins_off_root(bent, robot, springs), *uncertain]
+    flags += root.source.flags
     arm = Arm(
         robot,
         flexures,
