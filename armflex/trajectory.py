@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armflex.arguments import checked_init, checked_kinds
-from armflex.arm import Arm, warn
+from armflex.arm import Arm, warn, without_drive
 from armflex.conventions import Array, real_array
 from armflex.errors import Flag, InputError, Place, ShapeError, TableError, listing, naming
 from armflex.laws.effects.in_arm import check_approaches, check_covariates, derived_direction
@@ -478,11 +478,7 @@ def _refuse_passive(table: Table, arm: Arm) -> None:
         joint = next((joint for joint in passive if f"q_{joint}" in (name, name.rpartition("_")[0])), None)
         if joint is None:
             continue
-        cylinders = [cylinder.name for cylinder in arm.robot.linkage.cylinders]
-        drives = listing(f"q_{drive}" for drive in cylinders or arm.joint_names)
-        drives += " (the length of the cylinder between its pins [m])" if cylinders else ""
-        text = f"column {table.columns[name].header!r}: joint {joint!r} has no drive, and its position follows from"
-        raise table.fail(f"{text} those that have one: leave it out and give {drives}")
+        raise table.fail(f"column {table.columns[name].header!r}: {without_drive(arm.robot, joint, 'q_')}")
 
 
 def _tolerance(table: Table) -> Array | None:

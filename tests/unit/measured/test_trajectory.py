@@ -8,6 +8,7 @@ import pytest
 from support.small_arms import ROBOTS
 
 from armflex import Arm, InputError, Trajectory, load_arm, read_trajectory, write_trajectory
+from armflex.cli.options import parse_positions
 from armflex.errors import ArmflexWarning, ShapeError, TableError
 
 JOINTS = ("M1", "A1", "A2", "A3", "A4", "A5", "A6")
@@ -244,3 +245,6 @@ def test_the_position_of_a_joint_without_a_drive_is_refused_with_the_drives(tmp_
         read_trajectory(tmp_path / "t.csv", arm)
     given = "leave it out and give q_lift, q_left, q_right (the length of the cylinder between its pins [m])"
     assert str(met.value).endswith(text + given)
+    for ask in (lambda: arm.position(**{passive: 0.1}), lambda: parse_positions(f"{passive}=0.1", arm)):
+        with pytest.raises(InputError, match=rf"joint '{passive}' has no drive.* give lift, left, right \(the length"):
+            ask()
