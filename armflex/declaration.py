@@ -46,7 +46,7 @@ Keys = tuple[str | int, ...]
 class Source:
     """A TOML file's text. `tomllib` keeps no line numbers, so they are found here, once an error needs one.
 
-    `flags` are about files that it names, as those who read them add them.
+    `flags` are about what it declares and the files that it names, as those who read them add them.
     """
 
     path: Path

@@ -583,4 +583,8 @@ def test_a_table_is_of_a_sound_mesh(tmp_path: Path) -> None:
     assert "all different, got root, ROOT" in fine(run_here(tmp_path, "fem", mesh, *given, "ROOT"), 2).stderr
     mesh = small(tmp_path, scale=1e3)
     found = run_here(tmp_path, "fem", mesh, *given, "tip", "--unit", "mm", "--young", 210000.0, "--density", 7.85e-9)
-    assert "--young is in Pa whatever the mesh's unit" in fine(found, 2).stderr
+    said = fine(found, 2).stderr
+    assert "error: --young: Young's modulus 210000 Pa, expected" in said and mesh.name not in said
+    assert "--young is in Pa whatever the mesh's unit" in said
+    found = run_here(tmp_path, "fem", mesh, *given, "tip", "--unit", "mm", "--poisson", 0.7)
+    assert "error: --poisson: Poisson's ratio 0.7: expected" in fine(found, 2).stderr
