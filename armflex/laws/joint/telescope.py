@@ -32,7 +32,7 @@ along = [1, 0, 0]
 relative_std = 0.1
 """
 
-ALIGNED = 0.02
+SAME_WAY = 0.02
 """Length of the difference of two unit vectors below which they are one direction, as of rounded numbers."""
 
 
@@ -116,7 +116,7 @@ def read_telescope(table: Declaration, joint: str, ranges: Ranges) -> Telescope:
     if not (size := float(np.linalg.norm(along))) > 0.0:
         raise table.fail("along", "expected the direction that the boom moves out in, got zeros")
     slides = ranges.slides if isinstance(ranges, Travel) and table.text("depends_on", joint) == joint else {}
-    if (axis := slides.get(joint)) is not None and np.linalg.norm(along / size - axis) > ALIGNED:
+    if (axis := slides.get(joint)) is not None and np.linalg.norm(along / size - axis) > SAME_WAY:
         given, out = (np.round(vector, 6).tolist() for vector in (along, axis + 0.0))
         text = f"{given} is not the way joint {joint!r} moves out, its axis {out} in the frame that it moves"
         raise table.fail("along", f"{text}: write along = {out}")

@@ -500,7 +500,7 @@ def test_a_desired_path_of_other_rows_is_refused(heavy: Arm, heavy_path: Traject
         with pytest.raises(InputError, match=complaint):
             check(heavy, given, 0.1, against=meant)
     far = replace(path, q=np.where(np.arange(12)[:, None] == 4, path.q + 9.0, path.q))
-    with pytest.raises(JointLimitError, match="row 4 of the desired path: joint 'J1'"):
+    with pytest.raises(JointLimitError, match="row 4 of the desired path: joint 'J2'"):
         check(heavy, path, 0.1, against=far)
 
 
