@@ -433,7 +433,7 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
     asked = asked_columns(arm)
     check_unknown(table, [name for name in others if name not in asked], columns, [*arm.joint_names, *arm.robot.locked])
     remarks = [name for name in others if are_remarks(table.texts(name))]
-    if unused := [name for name in others if name in remarks or not (name in asked or name.startswith(APPROACH))]:
+    if unused := [name for name in others if name not in asked and not name.startswith(APPROACH)]:
         headers = listing(repr(table.columns[name].header) for name in unused)
         text = f"{headers}: no effect of this arm depends on {'it' if len(unused) == 1 else 'them'}"
         warn([Flag("unused_column", f"{Place(table.path, 1)}: a path has no use for {text}")])
