@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import sys
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from html import escape
 from typing import Any, TypedDict, Unpack, cast, overload
@@ -29,6 +29,7 @@ from armflex.errors import (
     NotFiniteError,
     ShapeError,
     UnknownNameError,
+    listing,
 )
 from armflex.laws.declared import Flexure as Flexure
 from armflex.laws.effects.context import begun_anew
@@ -405,7 +406,7 @@ class Arm:
                 warn([Flag("not_at_zero", text)])
         for name, value in joints.items():
             if name not in self.joint_names:
-                raise UnknownNameError("joint", name, self.joint_names)
+                raise no_such_drive(self.robot, name, self.joint_names)
             q[self.joint_names.index(name)] = value
         return self.checked(q, "q")
 
@@ -587,13 +588,14 @@ class Arm:
             return array.copy(), ()
         checked = self.checked(array, "q")
         outside = (checked < self.robot.lower - SLACK) | (checked > self.robot.upper + SLACK)
-        beyond = [(self.robot.moving[i], float(checked[i])) for i in np.flatnonzero(outside)]
-        # The first, or the first about which there is more to say.
-        joint, value = next((pair for pair in beyond if other_unit(*pair)), beyond[0])
+        further = np.maximum(self.robot.lower - checked, checked - self.robot.upper)
+        beyond = [(self.robot.moving[i], float(checked[i]), float(further[i])) for i in np.flatnonzero(outside)]
+        # The furthest, or that of those about which there is more to say.
+        joint, value, excess = max(beyond, key=lambda joint: (bool(other_unit(*joint[:2])), joint[2]))
         text = outside_limits(joint, value)
         if enforce_limits:
             raise JointLimitError(text)
-        return checked, (Flag("outside_limits", text),)
+        return checked, (Flag("outside_limits", text, size=excess),)
 
     def within_limits(self, values: Sequence[float]) -> bool:
         """Return whether numbers are positions of all joints, each within its limits and of sensible size."""
@@ -694,6 +696,22 @@ class Setup:
         )
         parts = {name: getattr(model, name) for name in ("robot", "corrections", "payloads", "springs")}
         return Setup(replace(arm, effects=(*arm.effects, effect), **parts), model.instrument)
+
+
+def no_such_drive(robot: Robot, name: str, names: Iterable[str]) -> InputError:
+    """Return the error about a joint that is none of the `names`: it has no drive, or the arm has no such joint."""
+    return InputError(text) if (text := without_drive(robot, name)) else UnknownNameError("joint", name, names)
+
+
+def without_drive(robot: Robot, name: str, prefix: str = "") -> str:
+    """Return what is said where a joint without a drive is given, '' of any other; its drives are called `prefix`."""
+    if name not in robot.linkage.free:
+        return ""
+    cylinders = [cylinder.name for cylinder in robot.linkage.cylinders]
+    drives = listing(f"{prefix}{drive}" for drive in cylinders or robot.joint_names)
+    drives += " (the length of the cylinder between its pins [m])" if cylinders else ""
+    text = f"joint {name!r} has no drive, and its position follows from those that have one"
+    return f"{text}: leave it out and give {drives}"
 
 
 def outside_limits(joint: Joint, value: float) -> str:

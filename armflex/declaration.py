@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from armflex.conventions import LARGEST, UNITS, Array, no_unit, unprintable
-from armflex.errors import ArmFileError, Place, did_you_mean, listing, shown
+from armflex.errors import ArmFileError, Flag, Place, did_you_mean, listing, shown
 from armflex.storage.read_file import read_file
 
 _TOKEN = re.compile(
@@ -44,10 +44,14 @@ Keys = tuple[str | int, ...]
 
 @dataclass(eq=False)
 class Source:
-    """A TOML file's text. `tomllib` keeps no line numbers, so they are found here, once an error needs one."""
+    """A TOML file's text. `tomllib` keeps no line numbers, so they are found here, once an error needs one.
+
+    `flags` are about what it declares and the files that it names, as those who read them add them.
+    """
 
     path: Path
     text: str
+    flags: list[Flag] = field(default_factory=list, repr=False)
 
     def digested(self) -> str:
         """Return nothing: where an arm was read, and with what comments, is no part of what it says."""

@@ -269,6 +269,19 @@ class Flag:
         return f"{self.code}: {self.text}"
 
 
+EQUALLY = 1e-9
+"""Share of a flag's size by which another of its kind must be larger to be the worse of them."""
+
+
+def worst_of(flags: Iterable[Flag]) -> dict[str, Flag]:
+    """Return the worst flag of every code, in the order in which codes come; the first of those that are as bad."""
+    worst: dict[str, Flag] = {}
+    for flag in flags:
+        if flag.size > worst.setdefault(flag.code, flag).size * (1.0 + EQUALLY):
+            worst[flag.code] = flag
+    return worst
+
+
 @contextmanager
 def naming(where: object) -> Iterator[None]:
     """Raise the errors met inside again, saying first which row they are about."""

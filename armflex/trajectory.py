@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armflex.arguments import checked_init, checked_kinds
-from armflex.arm import Arm, warn
+from armflex.arm import Arm, warn, without_drive
 from armflex.conventions import Array, real_array
 from armflex.errors import Flag, InputError, Place, ShapeError, TableError, listing, naming
 from armflex.laws.effects.in_arm import check_approaches, check_covariates, derived_direction
@@ -30,6 +30,7 @@ from armflex.measured.table import (
     NOTHING,
     Table,
     Tabular,
+    asked_columns,
     check_asked,
     check_payloads,
     check_same_arm,
@@ -429,11 +430,13 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
     others = [name for name in table.columns if name not in columns]
     check_load_names(table, arm, others)
     check_asked(table, arm, others)
-    check_unknown(table, others, columns, [*arm.joint_names, *arm.robot.locked])
+    asked = asked_columns(arm)
+    check_unknown(table, [name for name in others if name not in asked], columns, [*arm.joint_names, *arm.robot.locked])
     remarks = [name for name in others if are_remarks(table.texts(name))]
-    warn(
-        [Flag("text_column", f"column {name!r} is text: nothing depends on it, and it is left out") for name in remarks]
-    )
+    if unused := [name for name in others if name not in asked and not name.startswith(APPROACH)]:
+        headers = listing(repr(table.columns[name].header) for name in unused)
+        text = f"{headers}: no effect of this arm depends on {'it' if len(unused) == 1 else 'them'}"
+        warn([Flag("unused_column", f"{Place(table.path, 1)}: a path has no use for {text}")])
     covariates = _covariates(table, [name for name in others if name not in remarks], arm)
     if not len(table):
         raise TableError(Place(table.path), "has a header but no rows")
@@ -475,11 +478,7 @@ def _refuse_passive(table: Table, arm: Arm) -> None:
         joint = next((joint for joint in passive if f"q_{joint}" in (name, name.rpartition("_")[0])), None)
         if joint is None:
             continue
-        cylinders = [cylinder.name for cylinder in arm.robot.linkage.cylinders]
-        drives = listing(f"q_{drive}" for drive in cylinders or arm.joint_names)
-        drives += " (the length of the cylinder between its pins [m])" if cylinders else ""
-        text = f"column {table.columns[name].header!r}: joint {joint!r} has no drive, and its position follows from"
-        raise table.fail(f"{text} those that have one: leave it out and give {drives}")
+        raise table.fail(f"column {table.columns[name].header!r}: {without_drive(arm.robot, joint, 'q_')}")
 
 
 def _tolerance(table: Table) -> Array | None:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from armflex.arm import Arm, warn
+from armflex.arm import Arm, no_such_drive, warn
 from armflex.cli.terminal import print_table, result_on_stdout, say, show_flags, showing_stages
 from armflex.conventions import NUMBER, WRENCH_NAMES, Array, parse_quantity
 from armflex.declaration import DEEP, MAX_BYTES
@@ -490,7 +490,7 @@ def parse_positions(text: str, arm: Arm) -> tuple[Array, Arm]:
         if name in positions:
             raise InputError(f"--q: joint {name!r} is given twice")
         if name not in kinds:
-            raise UnknownNameError("joint", name, kinds)
+            raise no_such_drive(robot, name, kinds)
         kind, unit = ("length", "m") if kinds[name] == "prismatic" else ("angle", "rad")
         positions[name] = parse_quantity(value if value[-1:].isalpha() else value + unit, kind)
         parts = positions[name] / RADIANS * 12.0  # of pi, as written

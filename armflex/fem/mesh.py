@@ -350,6 +350,7 @@ def with_material(mesh: Mesh, young: float | None, poisson: float | None, densit
 
     Raises:
         MeshError: There are no elements, or they have no material or one that no solid has.
+        InputError: What is given is that of no solid.
     """
     if not mesh.blocks and not mesh.beyond:
         raise mesh.fail(f"has no solid elements ({', '.join(SOLIDS)})")
@@ -367,18 +368,22 @@ def with_material(mesh: Mesh, young: float | None, poisson: float | None, densit
             flags.append(Flag("material", f"{listing(changed)} of the file replaced by the one given"))
         material = Material(**given) if material is None else replace(material, **given)
         if not -1.0 < material.poisson < 0.5:
-            text = f"Poisson's ratio {material.poisson:g} of {named}: expected more than -1, less than 0.5"
-            raise mesh.fail(text, block.lines[0])
+            text, expected = f"Poisson's ratio {material.poisson:g}", "expected more than -1, less than 0.5"
+            if "poisson" in given:
+                raise InputError(f"--poisson: {text}: {expected}")
+            raise mesh.fail(f"{text} of {named}: {expected}", block.lines[0])
         for name, text, (least, most), unit in (
             ("young", "Young's modulus", YOUNG, "Pa"),
             ("density", "density", DENSITY, "kg/m^3"),
         ):
             value = getattr(material, name)
             if value is not None and not least <= value <= most:
-                text = f"{text} {value:g} {unit} of {named}, expected {least:g} to {most:g}"
-                other = "is the mesh in mm, N and tonnes (--unit mm)?"
-                other = f"--{name} is in {unit} whatever the mesh's unit" if name in given else other
-                raise mesh.fail(f"{text}: {other}", block.lines[0])
+                expected = f"expected {least:g} to {most:g}"
+                if name in given:
+                    text = f"--{name}: {text} {value:g} {unit}, {expected}"
+                    raise InputError(f"{text}: --{name} is in {unit} whatever the mesh's unit")
+                text = f"{text} {value:g} {unit} of {named}, {expected}: is the mesh in mm, N and tonnes (--unit mm)?"
+                raise mesh.fail(text, block.lines[0])
         if material.young < SOFT and material.poisson < INCOMPRESSIBLE:
             text = f"{mesh.path}: {named} are as soft as rubber ({material.young:g} Pa): is that in psi, or in MPa?"
             flags.append(Flag("soft_material", text))

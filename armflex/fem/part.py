@@ -26,6 +26,9 @@ BESIDE = ".surface.safetensors"
 MOST = 8
 """Interfaces that carry load."""
 
+LASTING = ("stiff_elements", "soft_material", "long_mesh", "unit")
+"""Codes of flags about how a part gives, which its file keeps for every arm that it is part of."""
+
 SURFACE = Layout(
     "the surface of a part",
     "armflex-surface-1",
@@ -177,10 +180,18 @@ def write_part(part: Part, path: Path) -> Path:
             lines.append(f"{name} = [\n" + "".join(f"    {row},\n" for row in value.tolist()) + "]")
         else:  # as JSON, which TOML reads
             lines.append(f"{name} = {json.dumps(plain(value), ensure_ascii=False)}")
+    if lasting := [str(flag) for flag in part.flags if flag.code in LASTING]:
+        lines.append(f"flags = {json.dumps(lasting, ensure_ascii=False)}")
     with together():
         if part.surface is not None:
             write_arrays(path.with_suffix(BESIDE), SURFACE, part.surface, {"sha256": part.sha256})
         return write_whole(path, ("\n".join(lines) + "\n").encode())
+
+
+def _flag(text: str) -> Flag:
+    """Return a flag as a PART.toml has it."""
+    code, _, about = text.partition(": ")
+    return Flag(code, about)
 
 
 def read_part(path: Path) -> Part:
@@ -213,6 +224,7 @@ def read_part(path: Path) -> Part:
         young_std=table.std("young_std", 0.0),
         mass=table.number("mass"),
         frequencies_hz=table.numbers("frequencies_hz", (count,)) if count else np.zeros(0),
+        flags=tuple(_flag(text) for text in table.texts("flags")) if table.has("flags") else (),
         **arrays,
     )
     table.finish()

@@ -212,6 +212,7 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
     root.finish()
     asked = _questions(flexures, robot, [name for name in tables if "joint_stiffness" in tables[name].table])
     flags = [*robot.flags, *flags, *asked, *_long(robot, springs), *pins_off_root(bent, robot, springs), *uncertain]
+    flags += root.source.flags
     arm = Arm(
         robot,
         flexures,
@@ -423,7 +424,7 @@ def _by_joint_stiffness(table: Declaration, joint: Joint) -> Declaration:
 
 
 def _ranges(robot: Robot) -> Travel:
-    """Return every driven joint's limits, a turn either way of a continuous one, and which joints follow them."""
+    """Return every driven joint's limits, a turn either way of a continuous one, which joints follow, which slide."""
     turn = 2.0 * np.pi
     ranges = {
         joint.name: (max(joint.lower, -turn), min(joint.upper, turn))
@@ -431,7 +432,8 @@ def _ranges(robot: Robot) -> Travel:
         else (joint.lower, joint.upper)
         for joint in robot.moving
     }
-    return Travel(ranges, robot.linkage.followers)
+    slides = {joint.name: joint.axis for joint in robot.places if joint.kind == "prismatic"}
+    return Travel(ranges, robot.linkage.followers, slides)
 
 
 def _read_prior(table: Declaration) -> Prior:

@@ -80,7 +80,7 @@ def read_link(name: str, table: Declaration, robot: Robot) -> tuple[Robot, Flexu
     inertia = np.block([[total - first - second, between.T], [between, bent]])
     bodies = (
         replace(inertial, mass=rest.mass, origin=rest.lever, rotation=np.eye(3), inertia=rest.inertia),
-        Inertial(end.mass, placed.actInv(centre), joint.rotation.T, np.zeros((3, 3)), inertial.place, True),
+        Inertial(end.mass, placed.actInv(centre), joint.rotation.T, np.zeros((3, 3)), inertial.place, True, True),
     )
     return _ended(robot, joint, *bodies), Flexure(name, f"{name}:end", law, inertia=inertia), tuple(flags)
 

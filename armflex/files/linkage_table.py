@@ -8,7 +8,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.declaration import Declaration
-from armflex.errors import did_you_mean, listing
+from armflex.errors import Flag, did_you_mean, listing
 from armflex.files.spring_table import positive, read_ends
 from armflex.laws.declared import Flexure
 from armflex.laws.joint.linear import LinearLaw, declared_std, read_compliance
@@ -199,6 +199,10 @@ def _gives(closure: Loop | Cylinder, table: Declaration) -> Flexure | None:
         bore, rod = positive(table, "bore", "m"), table.number("rod", 0.0)
         if not 0.0 <= rod < bore:
             raise table.fail("rod", f"is {rod:g} m thick, expected 0 m or more and less than the bore, {bore:g} m")
+        if bore > closure.lower:
+            text = f"its bore of {bore:g} m is more than its shortest length, {closure.lower:g} m"
+            text = f"cylinder {closure.name!r}: {text}"
+            table.source.flags.append(Flag("long", f"{text}: millimetres? Taken as metres"))
         dead = table.number("dead_volume", 0.0)
         if dead < 0.0:
             raise table.fail("dead_volume", f"expected 0 m^3 or more, got {dead:g}")

@@ -122,6 +122,8 @@ def read_meshed(table: Declaration) -> tuple[Part, Array]:
     if len(part.loaded) > 1:
         text = f"has {len(part.loaded)} loaded interfaces ({listing(part.loaded)}), expected one: condense it onto that"
         raise table.fail("file", f"{text}; where one of them is a pin, split the link and its mesh in two there")
+    named = f"{table.text('file')} of [{table.header}]"
+    table.source.flags += [Flag(flag.code, f"{named}: {flag.text}") for flag in part.flags]
     return part, pin.rpy.rpyToMatrix(table.numbers("rpy", (3,)) if table.has("rpy") else np.zeros(3))
 
 

@@ -36,15 +36,18 @@ Ranges = Mapping[str, tuple[float, float]]
 
 
 class Travel(dict[str, tuple[float, float]]):
-    """The `Ranges` of an arm some of whose joints follow others.
+    """The `Ranges` of an arm, with how its joints move.
 
     Attributes:
         followers: Joints that a gear, a belt or a <mimic> ties to another: its name, factor and offset [rad, m].
+        slides: (3,) unit axis of every sliding joint, in the frame that it moves.
     """
 
-    def __init__(self, ranges: Ranges, followers: Mapping[str, tuple[str, float, float]]) -> None:
+    def __init__(
+        self, ranges: Ranges, followers: Mapping[str, tuple[str, float, float]], slides: Mapping[str, Array]
+    ) -> None:
         super().__init__(ranges)
-        self.followers = followers
+        self.followers, self.slides = followers, slides
 
 
 def driver_of(table: Declaration, joint: str, ranges: Ranges) -> tuple[str, float, float]:

@@ -425,6 +425,12 @@ def split_header(name: str) -> tuple[str, str]:
     return base, unit
 
 
+def _without_unit(name: str) -> str:
+    """Return a column's name without the unit of any kind that it ends with."""
+    base, unit = split_header(name)
+    return base if base and any(unit in units for units in UNITS.values()) else name
+
+
 def in_decimals(cell: str) -> str:
     """Return hours or degrees of a cell with their minutes and seconds; any other cell as it is."""
     match = SEXAGESIMAL.fullmatch(cell.strip())
@@ -538,9 +544,10 @@ def check_unknown(
 ) -> None:
     """Raise `TableError` at a column without a meaning whose name is one of the `recognised` ones misspelt.
 
-    What was `recorded` may have positions of joints that the arm does not have; a path may not. A joint in the name of
-    a column is no likeness: `speed_elbow` is recorded beside `q_elbow`. Of such a name the word before the joint
-    counts, and the joint only where that word is one of the known columns'.
+    What was `recorded` may have positions of joints that the arm does not have, and any further column beside
+    readings may be a cause; a path may not, and has no use for a column that is cut short or misspelt before its unit.
+    A joint in the name of a column is no likeness: `speed_elbow` is recorded beside `q_elbow`. Of such a name the word
+    before the joint counts, and the joint only where that word is one of the known columns'.
     """
     of_joints = {name: joint for name in recognised for joint in joints if name.endswith(f"_{joint}")}
     before = {name.removesuffix(f"_{joint}") for name, joint in of_joints.items()}
@@ -554,9 +561,11 @@ def check_unknown(
         meant = meant and (misspelt(rest, joints) or DIGITS.sub("", rest.lower()) in digitless)
         other = name.startswith("q_") and not recorded
         meant = meant or other or _squeezed(name) in squeezed
-        meant = meant or any(is_nearly(name, other_name) for other_name in plain)
-        if meant or (not DIGITS.search(name) and misspelt(name, words, 0.85)):
-            hint = did_you_mean(name, recognised) or (f": the arm's joints are {listing(joints)}" if other else "")
+        base = name if recorded else _without_unit(name)
+        meant = meant or (base != name and base in plain) or any(is_nearly(base, other_name) for other_name in plain)
+        meant = meant or (not recorded and len(base) > 2 and any(other_name.startswith(base) for other_name in words))
+        if meant or (not DIGITS.search(name) and misspelt(base, words, 0.85)):
+            hint = did_you_mean(base, recognised) or (f": the arm's joints are {listing(joints)}" if other else "")
             raise table.fail(f"unknown column {table.columns[name].header!r}{hint}")
 
 

@@ -7,7 +7,7 @@ one row. What arrays have no quick way for is asked of a batch's `row`.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -17,14 +17,14 @@ from numpy.typing import ArrayLike
 
 from armflex.arguments import checked_kinds
 from armflex.conventions import LARGEST_POSITION, TWIST_NAMES, WRENCH_NAMES, Array, finite_array, real_array
-from armflex.errors import ExtrapolationError, Flag, ShapeError, UnsupportedError, naming
+from armflex.errors import ExtrapolationError, Flag, ShapeError, UnsupportedError, naming, worst_of
 from armflex.laws import Row
 from armflex.laws.effects.in_arm import beyond_seen
 from armflex.laws.row import MASS
 from armflex.mechanics.certificate import NEAR
 from armflex.mechanics.engine.tables import Frames
 from armflex.mechanics.equilibrium import Equilibrium, find_equilibrium, load_factor
-from armflex.mechanics.loaded import SAG_BAND, LoadedArm, Names, Payload, Structure
+from armflex.mechanics.loaded import LoadedArm, Names, Payload, Structure
 from armflex.mechanics.loop_rows import rigid_tips, solver_of
 from armflex.mechanics.many_rows import (
     AT_ONCE,
@@ -298,7 +298,7 @@ class Deflection(_Result[float]):
         """A flag where a drive carries more than its effort limit."""
         worst = int(np.argmax(shares := self.drive_shares))
         text = f"drive of {self.names.joints[worst]!r} carries {shares[worst]:.0%} of its limit"
-        return (Flag("beyond_effort", text),) if shares[worst] > 1.0 else ()
+        return (Flag("beyond_effort", text, size=float(shares[worst])),) if shares[worst] > 1.0 else ()
 
     @property
     def passive(self) -> dict[str, float]:
@@ -638,16 +638,14 @@ class DeflectionBatch(_Result[Array]):
 
     @cached_property
     def flags(self) -> tuple[Flag, ...]:
-        """Flags, each with the first row it concerns."""
+        """Flags, each with the worst row it concerns; those about laws with the first row that has any."""
         unseen = [] if self.first_unseen is None else [(self.first_unseen[0], flag) for flag in self.first_unseen[1]]
-        found: dict[str, Flag] = {}
-        for number, flag in sorted((*self.flags_by_row, *unseen), key=lambda pair: pair[0]):
-            found.setdefault(flag.code, Flag(flag.code, f"row {number}: {flag.text}"))
-        return tuple(found.values())
+        met = sorted((*self.flags_by_row, *unseen), key=lambda pair: pair[0])
+        return tuple(worst_of(replace(flag, text=f"row {number}: {flag.text}") for number, flag in met).values())
 
     @property
     def flags_by_row(self) -> list[tuple[int, Flag]]:
-        """The flags about arm, loads, limits and sag, with the first row of each kind; `unseen` has those of laws."""
+        """The flags about arm, loads, limits and sag, each with a row; `unseen` has those of laws."""
         arm, found = self.arm, []
         for loaded, rows in by_payload(arm, self.payloads, len(self.q)):
             found += [(int(rows[0]), flag) for flag in self._flags_of(loaded)] if len(rows) else []
@@ -655,9 +653,8 @@ class DeflectionBatch(_Result[Array]):
             found += [(int(i), flag) for flag in arm.check_position(self.q[i], enforce_limits=False)[1]]
         for i in [int(np.argmin(self.found_factors))] if len(self.q) else ():
             found += [(i, flag) for flag in near_buckling(float(self.found_factors[i]))]
-        sagging = np.linalg.norm(self.displacement[:, :3], axis=1) > SAG_BAND * arm.robot.reach
-        for i in np.flatnonzero(sagging)[:1]:
-            found += [(int(i), flag) for flag in arm.loaded(None).sag_flags(self.displacement[i])]
+        for i in [int(np.argmax(np.linalg.norm(self.displacement[:, :3], axis=1)))] if len(self.q) else ():
+            found += [(i, flag) for flag in arm.loaded(None).sag_flags(self.displacement[i])]
         return found
 
     @cached_property

@@ -53,7 +53,7 @@ class Equilibrium:
         loaded: The arm with its payload.
         case: Where its joints are and what acts.
         rest: Where it rests.
-        method: How it was found: "fixed_point", by the engine, or "newton".
+        method: How it was found: "exact", by the engine, or "newton".
         history: Largest residual before each step [m or rad]; the engine does not say.
         load_factor: See `load_factor`; infinite where it is known to be `NEAR` or more.
     """
@@ -127,7 +127,7 @@ def at_rest(loaded: LoadedArm, case: LoadCase, rest: Rest) -> Equilibrium:
     Raises:
         UnstableEquilibriumError: The arm would leave it.
     """
-    found = Equilibrium(loaded, case, rest, "fixed_point")
+    found = Equilibrium(loaded, case, rest, "exact")
     return found if rest.proven else replace(found, load_factor=_lasting(found.tangent))
 
 

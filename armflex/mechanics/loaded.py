@@ -252,11 +252,11 @@ class LoadedArm:
         rated = arm.payload_rating is not None and payload.mass <= arm.payload_rating
         if arm.payload_rating is not None and not rated:
             text = f"payload of {payload.mass:g} kg exceeds the rated {arm.payload_rating:g} kg"
-            flags = (*flags, Flag("beyond_rating", text))
+            flags = (*flags, Flag("beyond_rating", text, size=payload.mass))
         own = sum(one.mass for name in urdf.below(arm.robot.base) if (one := urdf.links[name].inertial))
         if 0.0 < own < payload.mass and not rated:
             text = f"payload of {payload.mass:g} kg is heavier than the arm itself, {own:.4g} kg: grams?"
-            flags = (*flags, Flag("heavy_payload", text))
+            flags = (*flags, Flag("heavy_payload", text, size=payload.mass))
         return flags
 
     def flags_under(self, wrenches: Sequence[Wrench], moves: bool) -> tuple[Flag, ...]:
@@ -282,7 +282,7 @@ class LoadedArm:
             size = wrench.sizes[0]
             if 0.0 < FORCE_BAND * arm.weight < size:
                 text = f"{size:.3g} N at {wrench.frame!r} is over {FORCE_BAND:g} times the arm's weight: kN or kgf?"
-                flags.append(Flag("large_force", text))
+                flags.append(Flag("large_force", text, size=size))
         return (*known, *flags) if flags else known
 
     def sag_flags(self, displacement: Array) -> tuple[Flag, ...]:
@@ -290,7 +290,7 @@ class LoadedArm:
         sag = float(np.linalg.norm(displacement[:3]))
         if sag <= SAG_BAND * self.arm.robot.reach:
             return ()
-        return (Flag("large_sag", f"the tip moves {sag:.3g} m, over {SAG_BAND:.0%} of the reach"),)
+        return (Flag("large_sag", f"the tip moves {sag:.3g} m, over {SAG_BAND:.0%} of the reach", size=sag),)
 
     @cached_property
     def stability_bound(self) -> StabilityBound | None:

@@ -265,8 +265,8 @@ def _pointlike(found: Equilibrium, configuration: Array, body: Array, masses: Ar
         turn = (frame_jacobian(model, data, configuration, tip, pin.LOCAL) @ motion)[3:]
         share = 0.5 * carried.mass * WIDE**2 * float(turn @ turn) / float(masses[0])
         text = f"the payload has a mass but no moments of inertia: with a radius of gyration of {WIDE:g} m it would"
-        yield Flag("no_inertia", f"{text} lower the first frequency by {share:.2%}")
+        yield Flag("no_inertia", f"{text} lower the first frequency by {share:.2%}", size=share)
     if lost:
         most = sorted(lost.items(), key=lambda pair: -pair[1])[:3]
         text = ", ".join(f"{link} (as a rod it would lower the first frequency by {share:.2%})" for link, share in most)
-        yield Flag("no_inertia", f"{len(lost)} links have a mass but no moments of inertia: {text}")
+        yield Flag("no_inertia", f"{len(lost)} links have a mass but no moments of inertia: {text}", size=most[0][1])

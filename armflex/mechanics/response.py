@@ -167,7 +167,7 @@ class Response:
         if part.loaded.arm.robot.linkage:
             return find_equilibrium(part.loaded, case, allow_large=True)
         rest = Rest(np.zeros(6), self._twists[row], self.flexure_wrenches[row])
-        return Equilibrium(part.loaded, case, rest, "fixed_point")
+        return Equilibrium(part.loaded, case, rest, "exact")
 
     def site(self, name: str) -> Array:
         """Return the (N, 6, 6) motion of the tip per body twist at a site."""

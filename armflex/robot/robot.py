@@ -85,13 +85,15 @@ class Robot:
     @cached_property
     def points(self) -> bool:
         """Whether masses of links are points: moments of inertia were not declared."""
-        return any(link.inertial is not None and link.inertial.point for link in self.urdf.links.values())
+        inertials = (link.inertial for link in self.urdf.links.values() if link.inertial is not None)
+        return any(inertial.point and not inertial.distributed for inertial in inertials)
 
     @cached_property
     def pointlike(self) -> tuple[str, ...]:
         """Names of the links with a mass and no moments of inertia."""
         inertials = {name: link.inertial for name, link in self.urdf.links.items() if link.inertial is not None}
-        return tuple(name for name, inertial in inertials.items() if inertial.mass and not inertial.inertia.any())
+        concentrated = {name: inertial for name, inertial in inertials.items() if not inertial.distributed}
+        return tuple(name for name, inertial in concentrated.items() if inertial.mass and not inertial.inertia.any())
 
     @cached_property
     def jointed(self) -> tuple[Joint, ...]:

@@ -102,7 +102,8 @@ class Fault:
 class Inertial:
     """Mass [kg], pose of the inertia frame in the link frame, inertia (3, 3) about the CoM [kg m^2].
 
-    A `point` is declared without moments of inertia, which are then zero.
+    A `point` is declared without moments of inertia, which are then zero. Where it is `distributed` they are counted
+    elsewhere: it stands for mass of a link that a mesh distributes.
     """
 
     mass: float
@@ -111,6 +112,7 @@ class Inertial:
     inertia: Array
     place: Place
     point: bool = False
+    distributed: bool = False
 
     @property
     def turned(self) -> Array:

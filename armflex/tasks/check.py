@@ -13,7 +13,7 @@ from armflex.arguments import checked_kinds
 from armflex.arm import Arm, warn
 from armflex.configurations import furthest
 from armflex.conventions import Array, number
-from armflex.errors import ArmflexError, Flag, InputError, JointLimitError, SmallDisplacementError, naming
+from armflex.errors import ArmflexError, Flag, InputError, JointLimitError, SmallDisplacementError, naming, worst_of
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.estimate.tip_uncertainty import AT_REST, flagged_covariance, tip_covariance
 from armflex.laws.effects.in_arm import about_time
@@ -208,11 +208,11 @@ def check(
     both = ((False, np.arange(count)), (True, np.arange(count - 1)))
     pieces = [(between, rows) for between, every in both for rows in in_pieces(every, TOGETHER)]
     points: list[Point] = []
-    met: dict[str, Flag] = {}
+    met: list[Flag] = []
     samples, factor, turns = 0, np.inf, np.zeros(2)
     for points_found, judge in in_threads(judged, pieces):
         points += points_found
-        met |= {code: flag for code, flag in judge.flags.items() if code not in met}
+        met += judge.flags.values()
         samples, factor = samples + judge.samples, min(factor, judge.load_factor)
         turns = np.maximum(turns, judge.turns)
         if progress and len(points) > count:
@@ -226,7 +226,7 @@ def check(
     held_only = trajectory.target is not None and angle is None and len(arm.joint_names) >= 6  # a pose takes six
     turned = turned_further(*turns.tolist()) if held_only else ()
     sprung = _payload_changes(trajectory, segments)
-    flags = (*doubts, *held, *derived, *met.values(), *turned, *sprung, *_too_fast(arm, trajectory))
+    flags = (*doubts, *held, *derived, *worst_of(met).values(), *turned, *sprung, *_too_fast(arm, trajectory))
     named = [i for i, row in enumerate(rows) if row.name and not row.reason]
     possible = named or [i for i, row in enumerate(rows) if not row.reason]
     relative = _relative(certain, trajectory, np.array(possible, dtype=int), method) if arm.certainty else None
@@ -412,13 +412,16 @@ class _Judge:
         return ""
 
     def keep_flags(self, deflection: DeflectionBatch, time: Array) -> None:
-        """Keep the flags that were not met before."""
+        """Keep the worst of the flags of every kind."""
         met = [*deflection.flags_by_row, *((i, flag) for i, flags in deflection.unseen() for flag in flags)]
-        over = np.flatnonzero((deflection.drive_shares > 1.0).any(axis=1))[:1]
-        met += [(int(i), flag) for i in over for flag in deflection.row(int(i)).overload]
-        for i, flag in sorted(met, key=lambda pair: pair[0]):
-            said = flag if flag in self.arm.flags else Flag(flag.code, f"at {time[i]:g} s: {flag.text}")
-            self.flags.setdefault(flag.code, said)
+        shares = deflection.drive_shares.max(axis=1, initial=0.0)
+        for i in [int(np.argmax(shares))] if shares.max(initial=0.0) > 1.0 else ():
+            met += [(i, flag) for flag in deflection.row(i).overload]
+        met.sort(key=lambda pair: pair[0])
+        said = [
+            flag if flag in self.arm.flags else replace(flag, text=f"at {time[i]:g} s: {flag.text}") for i, flag in met
+        ]
+        self.flags = worst_of([*self.flags.values(), *said])
 
     def covariance(self, deflection: DeflectionBatch, points: Points, fine: np.ndarray) -> Array | None:
         """Return the (M, 6, 6) covariance of the displacement, None where nobody states one; others fail anyhow."""

@@ -13,7 +13,7 @@ import numpy as np
 from armflex.arguments import checked_kinds
 from armflex.arm import Arm, Setup, other_unit
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.errors import ArmflexError, Flag, InputError, Place, enough_memory, naming
+from armflex.errors import ArmflexError, Flag, InputError, Place, enough_memory, naming, worst_of
 from armflex.estimate.posterior import fitted_variance, without_declared_uncertainty
 from armflex.estimate.view import gravity_in, look, unclear_shifts
 from armflex.laws.effects.effect import Act
@@ -330,8 +330,7 @@ def _with_constants(arm: Arm, rows: Measurements, constants: Mapping[str, float]
 
 
 class _Flags:
-    """The flags about rows that come in pieces: each with the first row it concerns, those about a law with the worst,
-    and how many there are.
+    """The flags about rows that come in pieces: each with the worst row it concerns, and how many there are.
 
     Attributes:
         rows: How many rows there were.
@@ -342,7 +341,7 @@ class _Flags:
         self._beyond = 0
         self._unclear: dict[str, int] = {}
         self._sessions: set[str] = set()
-        self._first: dict[str, Flag] = {}
+        self._met: dict[str, Flag] = {}
         self._worst: dict[tuple[str, str], tuple[int, int, Flag]] = {}
         self._fitted: dict[Flag, None] = {}
         self._timed: dict[str, Flag] = {}
@@ -359,8 +358,8 @@ class _Flags:
             limited = flag.code == "outside_limits"
             self._beyond += limited
             at = rows.places[number] if limited and rows.places else f"row {self.rows + number}"
-            said = flag if flag in arm.flags else Flag(flag.code, f"{at}: {flag.text}")
-            self._first.setdefault(flag.code, said)
+            said = flag if flag in arm.flags else replace(flag, text=f"{at}: {flag.text}")
+            self._met = worst_of([*self._met.values(), said])
         for number, flags in enumerate(predicted.outside):
             for key in dict.fromkeys((flag.code, flag.about) for flag in flags):
                 largest = max((flag for flag in flags if (flag.code, flag.about) == key), key=lambda flag: flag.size)
@@ -387,13 +386,13 @@ class _Flags:
             about["new_session"] = Flag("new_session", text)
         derived = [derived_direction(name, unclear) for name, unclear in self._unclear.items()]
         if self._beyond > 1:
-            first = self._first["outside_limits"]
-            about["outside_limits"] = replace(first, text=f"{first.text} (the first of {self._beyond} rows)")
+            furthest = self._met["outside_limits"]
+            about["outside_limits"] = replace(furthest, text=f"{furthest.text} (the worst of {self._beyond} rows)")
         worst = []
         for rows, number, flag in self._worst.values():
             more = f" (the worst of {rows} rows, {rows / self.rows:.0%} of all)" if rows > 1 else ""
             worst.append(replace(flag, text=f"row {number}: {flag.text}{more}"))
-        return (*derived, *(self._first | about).values(), *worst, *self._fitted, *self._timed.values())
+        return (*derived, *(self._met | about).values(), *worst, *self._fitted, *self._timed.values())
 
 
 def _via(rows: Measurements) -> dict[str, list]:

@@ -19,7 +19,7 @@ import numpy as np
 from armflex.arguments import checked_kinds
 from armflex.arm import Arm
 from armflex.conventions import Array
-from armflex.errors import Flag, InputError, naming
+from armflex.errors import Flag, InputError, naming, worst_of
 from armflex.measured.table import Tabular
 from armflex.mechanics.modes import Modes, modes_of
 from armflex.result import Result
@@ -95,7 +95,7 @@ def settle(
     settled = []
     for row, modes, size, speed in stops(path, named, partial(modes_at, arm, path)):
         settled.append(_settling(arm, path.via[row], float(path.time[row]), modes, size, speed, within))
-        met |= {flag.code: flag for flag in modes.flags if flag.code not in met}
+        met = worst_of([*met.values(), *modes.flags])
     return SettlingReport(within, tuple(settled), tuple(met.values()))
 
 

@@ -205,6 +205,8 @@ def test_a_boom_that_cannot_be_is_refused(tmp_path) -> None:
         ("EI = 9000.0", "EI = 9000.0\nGJ = -1.0", "GJ"),
         ("length0 = 0.3", "length0 = -0.1", "length0"),
         ("along = [1, 0, 0]", "along = [0, 0, 0]", "along"),
+        ("along = [1, 0, 0]", "along = [-1, 0, 0]", r"joint 'boom' moves out, .* write along = \[1.0, 0.0, 0.0\]"),
+        ("along = [1, 0, 0]", "along = [0, 0, 1]", r"joint 'boom' moves out, .* write along = \[1.0, 0.0, 0.0\]"),
         ("length0 = 0.3", 'length0 = 0.3\ndepends_on = "bom"', "depends_on"),
     ):
         (tmp_path / "bad.toml").write_text(text.replace(good, bad))

@@ -215,7 +215,7 @@ class NetworkLaw(Law):
         if times <= 1.0 + 1e-9 or any(flag.code == "extrapolating" for flag in flags):
             return flags
         text = f"load is outside the loads it was trained on: {times:.3g} times as far from their mean as any of them"
-        return (*flags, Flag("extrapolating", text))
+        return (*flags, Flag("extrapolating", text, size=0.5 * (times - 1.0)))
 
 
 def weight_count(size: int, neurons: int) -> int:

@@ -19,7 +19,7 @@ from armflex.declaration import Declaration
 from armflex.laws.joint.linear import declared_std
 from armflex.laws.joint.log_compliance import LOOSE
 from armflex.laws.joint.position_dependent import PositionDependentLaw, by_driver
-from armflex.laws.law import Compliance, Parameter, Ranges, Row, Transform, block_diagonal, driver_of
+from armflex.laws.law import Compliance, Parameter, Ranges, Row, Transform, Travel, block_diagonal, driver_of
 from armflex.laws.terms import Terms
 
 EXAMPLE = """
@@ -31,6 +31,9 @@ length0 = 4.0  # what is out at position 0 [m]
 along = [1, 0, 0]
 relative_std = 0.1
 """
+
+SAME_WAY = 0.02
+"""Length of the difference of two unit vectors below which they are one direction, as of rounded numbers."""
 
 
 @dataclass(frozen=True)
@@ -112,6 +115,11 @@ def read_telescope(table: Declaration, joint: str, ranges: Ranges) -> Telescope:
     along, length0 = table.numbers("along", (3,)), table.number("length0", 0.0)
     if not (size := float(np.linalg.norm(along))) > 0.0:
         raise table.fail("along", "expected the direction that the boom moves out in, got zeros")
+    slides = ranges.slides if isinstance(ranges, Travel) and table.text("depends_on", joint) == joint else {}
+    if (axis := slides.get(joint)) is not None and np.linalg.norm(along / size - axis) > SAME_WAY:
+        given, out = (np.round(vector, 6).tolist() for vector in (along, axis + 0.0))
+        text = f"{given} is not the way joint {joint!r} moves out, its axis {out} in the frame that it moves"
+        raise table.fail("along", f"{text}: write along = {out}")
     stiffness = {name: table.number(name) for name in ("EI", "GJ", "EA") if name == "EI" or table.has(name)}
     for name, value in stiffness.items():
         if not value > 0.0:

@@ -20,6 +20,8 @@ from armflex.fem.bdf import read_bdf
 from armflex.fem.inp import read_inp
 from armflex.fem.matrices import of_mesh
 from armflex.fem.part import read_part
+from armflex.show.report import write_report
+from armflex.show.report.checked import CheckedPath
 
 pytest.importorskip("skfem")
 
@@ -322,6 +324,22 @@ def test_a_part_is_a_flexure(tmp_path: Path) -> None:
     np.testing.assert_allclose(shifts[0][1], 0.01 * np.outer(change, change), rtol=1e-4, atol=1e-18)
 
 
+@pytest.mark.parametrize(("kind", "stiff"), [("C3D8", True), ("C3D20", False)])
+def test_an_arm_says_that_the_elements_of_its_part_are_too_stiff(tmp_path: Path, kind: str, stiff: bool) -> None:
+    """Years after the mesh was condensed, in results and on pages."""
+    condensed(tmp_path, write_bar(tmp_path / "bar.inp", kind, *bar(kind, (4, 1, 1), (1.0, 0.1, 0.1))))
+    (tmp_path / "R.urdf").write_bytes((ROBOTS / "heavy_six" / "robot.urdf").read_bytes())
+    told = (ROBOTS / "heavy_six" / "arm.toml").read_text().split("[flexure")[0].replace("robot.urdf", "R.urdf")
+    (tmp_path / "arm.toml").write_text(f'{told}[flexure.F]\njoint = "J2"\nfile = "p.toml"\n')
+    arm = armflex.load_arm(tmp_path / "arm.toml")
+    path = armflex.Trajectory(arm.joint_names, np.zeros(1), arm.position()[None], ("none",), ("here",))
+    page = write_report(CheckedPath(arm, path, armflex.check(arm, path, 0.1), 0.1, {}, {}), tmp_path / "r.html")
+    for flags in (arm.flags, arm.deflection(arm.position()).flags, armflex.check(arm, path, 0.1).flags):
+        said = [flag.text for flag in flags if flag.code == "stiff_elements"]
+        assert said == ["p.toml of [flexure.F]: C3D8 are too stiff in bending; C3D10 or C3D20 are not"] * stiff
+    assert ("too stiff in bending" in page.read_text()) == stiff
+
+
 def test_parts_are_beams_of_a_composed_joint(tmp_path: Path) -> None:
     """Two bars in a row, the second turned, on a sub-joint of a third mesh: compliances add up at the tip."""
     points, nodes = bar("C3D10", (2, 1, 1), (0.4, 0.1, 0.2))
@@ -565,4 +583,8 @@ def test_a_table_is_of_a_sound_mesh(tmp_path: Path) -> None:
     assert "all different, got root, ROOT" in fine(run_here(tmp_path, "fem", mesh, *given, "ROOT"), 2).stderr
     mesh = small(tmp_path, scale=1e3)
     found = run_here(tmp_path, "fem", mesh, *given, "tip", "--unit", "mm", "--young", 210000.0, "--density", 7.85e-9)
-    assert "--young is in Pa whatever the mesh's unit" in fine(found, 2).stderr
+    said = fine(found, 2).stderr
+    assert "error: --young: Young's modulus 210000 Pa, expected" in said and mesh.name not in said
+    assert "--young is in Pa whatever the mesh's unit" in said
+    found = run_here(tmp_path, "fem", mesh, *given, "tip", "--unit", "mm", "--poisson", 0.7)
+    assert "error: --poisson: Poisson's ratio 0.7: expected" in fine(found, 2).stderr

@@ -109,6 +109,19 @@ def test_a_part_with_an_interface_at_its_pin_is_refused_with_the_remedy(tmp_path
         armflex.load_arm(tmp_path / "arm.toml")
 
 
+def test_a_link_whose_mesh_distributes_its_inertia_is_no_point(tmp_path: Path) -> None:
+    mesh(tmp_path, "boom", SPAN + OVERHANG)
+    text = urdf(("boom", SPAN + OVERHANG))
+    (tmp_path / "r.urdf").write_text(text.replace('<link name="hook"/>', body("hook", 0.1)))
+    head = HEAD + 'to = "boom"\nat_to = [0.8, 0.0, 0.0]\n'
+    moved = {"v": np.zeros(1), "a": np.ones(1)}
+    (tmp_path / "arm.toml").write_text(head + '[link.boom]\nfile = "boom.toml"\n')
+    arm = armflex.load_arm(tmp_path / "arm.toml")
+    q = arm.position(lift=1.0)
+    flags = (*arm.modes(q).flags, *arm.deflection(q, **moved).flags)
+    assert not [flag for flag in flags if flag.code in ("no_inertia", "point_masses")]
+
+
 def test_a_mesh_that_ends_short_of_its_joint_says_by_how_much(tmp_path: Path) -> None:
     mesh(tmp_path, "boom", SPAN + OVERHANG)
     (tmp_path / "arm.toml").write_text(

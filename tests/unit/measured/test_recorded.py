@@ -121,11 +121,11 @@ def test_units_may_be_mixed_where_headers_say_so(long: Arm, tmp_path: Path) -> N
 
 def test_a_row_that_was_measured_beyond_a_limit_is_predicted(long: Arm, tmp_path: Path) -> None:
     path = tmp_path / "rows.csv"
-    path.write_text(f"q_{LONG[0]},q_{LONG[1]}\n0,0.1\n3.09,0.1\n0,-3.01\n")
+    path.write_text(f"q_{LONG[0]},q_{LONG[1]}\n3.01,0.1\n3.09,0.1\n0,-3.01\n")
     found = predict(long, path)
     assert np.isfinite(found.position).all() and len(found.position) == 3
     flag = next(flag for flag in found.flags if flag.code == "outside_limits")
     assert flag.text.startswith(f"{path}:3: joint 'shoulder_pan_joint' at 3.09 is outside its limits [-3, 3]")
-    assert flag.text.endswith("(the first of 2 rows)")
+    assert flag.text.endswith("(the worst of 3 rows)")
     rows, flags = predict_file(long, path, tmp_path / "out.csv")
     assert rows == 3 and flag in flags

@@ -8,6 +8,7 @@ import pytest
 from support.small_arms import ROBOTS
 
 from armflex import Arm, InputError, Trajectory, load_arm, read_trajectory, write_trajectory
+from armflex.cli.options import parse_positions
 from armflex.errors import ArmflexWarning, ShapeError, TableError
 
 JOINTS = ("M1", "A1", "A2", "A3", "A4", "A5", "A6")
@@ -95,7 +96,7 @@ def test_a_column_of_remarks_is_left_out_with_a_warning(tarm: Arm, tmp_path: Pat
             [HEADER + ",note", *(f"{row},{text}" for row, text in zip(ROWS, ("slowly", "", "port"), strict=True))]
         )
     )
-    with pytest.warns(ArmflexWarning, match="column 'note' is text"):
+    with pytest.warns(ArmflexWarning, match="no use for 'note'"):
         same(read_trajectory(path, tarm), plain)
 
 
@@ -139,6 +140,24 @@ def test_a_further_column_near_a_known_name_is_refused(tarm: Arm, tmp_path: Path
     rows = tuple(row + ",0" for row in ROWS)
     with pytest.raises(TableError, match=f":1: unknown column '{name}'"):
         read_trajectory(table(tmp_path, (HEADER, f"{HEADER},{name}"), rows=rows), tarm)
+
+
+@pytest.mark.parametrize("name", ["tolerence_mm", "tol_mm", "tolerances_mm", "tolerence", "tol", "tiem_s", "v_A1_mm"])
+def test_a_misspelt_column_is_refused_with_its_unit(tarm: Arm, tmp_path: Path, name: str) -> None:
+    rows = tuple(row + ",6" for row in ROWS)
+    known = {"to": "tolerance", "ti": "time"}.get(name[:2], "")
+    with pytest.raises(TableError, match=f":1: .*'{name}'.*{known}"):
+        read_trajectory(table(tmp_path, (HEADER, f"{HEADER},{name}"), rows=rows), tarm)
+
+
+def test_columns_that_nothing_depends_on_are_named_once(tarm: Arm, tmp_path: Path) -> None:
+    names = "accuracy_mm,temperature,session,approach_A1,tool_m"
+    path = table(tmp_path, (HEADER, f"{HEADER},{names}"), rows=tuple(row + ",6,20,1,1,2" for row in ROWS))
+    with pytest.warns(ArmflexWarning) as said:
+        found = read_trajectory(path, tarm)
+    (text,) = [str(one.message) for one in said if "unused_column" in str(one.message)]
+    assert "'accuracy_mm', 'temperature', 'session', 'tool_m'" in text and "approach" not in text
+    assert list(found.covariates) == names.split(",")
 
 
 def test_a_campaign_given_as_a_path_is_called_one(tarm: Arm, tmp_path: Path) -> None:
@@ -226,3 +245,6 @@ def test_the_position_of_a_joint_without_a_drive_is_refused_with_the_drives(tmp_
         read_trajectory(tmp_path / "t.csv", arm)
     given = "leave it out and give q_lift, q_left, q_right (the length of the cylinder between its pins [m])"
     assert str(met.value).endswith(text + given)
+    for ask in (lambda: arm.position(**{passive: 0.1}), lambda: parse_positions(f"{passive}=0.1", arm)):
+        with pytest.raises(InputError, match=rf"joint '{passive}' has no drive.* give lift, left, right \(the length"):
+            ask()

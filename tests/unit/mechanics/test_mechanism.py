@@ -313,6 +313,16 @@ def test_an_oil_column_that_cannot_be_is_refused(old, new, said, tmp_path):
         armflex.load_arm(file)
 
 
+@pytest.mark.parametrize(("bore", "doubted"), [("0.14", False), ("140.0", True)])
+def test_a_bore_in_millimetres_is_asked_about(tmp_path: Path, bore: str, doubted: bool) -> None:
+    CRANE.load(tmp_path)
+    file = tmp_path / "arm.toml"
+    file.write_text(file.read_text().replace("stiffness = 20000000.0", OIL.replace("0.14", bore), 1))
+    said = [flag.text for flag in armflex.load_arm(file).flags if flag.code == "long"]
+    text = "cylinder 'lift': its bore of 140 m is more than its shortest length, 0.9 m: millimetres? Taken as metres"
+    assert said == [text] * doubted
+
+
 def test_what_is_doubtful_of_a_mechanism_is_flagged(tmp_path):
     arm = PARALLELOGRAM.load(tmp_path)
     assert [flag.code for flag in arm.deflection(np.zeros(3)).flags] == ["undetermined_loads"]

@@ -273,7 +273,7 @@ def test_a_force_needs_no_tangent_where_the_bound_proves_that_the_arm_stays(axes
     with monkeypatch.context() as patched:
         patched.setattr(Mechanism, "tangent", None)
         found = arm.deflection(np.zeros(7), "p300", wrenches=force)
-    assert found.method == "fixed_point"
+    assert found.method == "exact"
     newton = arm.deflection(np.zeros(7), "p300", wrenches=force, method="newton")
     np.testing.assert_allclose(found.twists, newton.twists, rtol=0, atol=1e-13)
 
@@ -294,7 +294,7 @@ def test_laws_that_harden_are_not_asked_one_by_one(tmp_path, monkeypatch):
     monkeypatch.setattr(HardeningLaw, "twist", None)
     found = arm.deflection(q)
     np.testing.assert_allclose(found.displacement, newton.displacement, rtol=0, atol=1e-13)
-    assert found.method == "fixed_point" and "hardening" in KINDS
+    assert found.method == "exact" and "hardening" in KINDS
 
 
 @pytest.mark.filterwarnings("error")

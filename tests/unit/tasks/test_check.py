@@ -379,6 +379,19 @@ def test_a_drive_beyond_its_limit_is_flagged(tarm, tarm_path):
     assert "beyond_effort" not in {flag.code for flag in check(tarm, tarm_path, 1.0).flags}
 
 
+def test_flags_are_about_the_worst_row_and_say_where(tarm: Arm, tarm_path: Trajectory) -> None:
+    """Of drives, of joints beyond a limit and of a tip that sags, whatever comes first."""
+    masses = {f"p{mass}": Payload(float(mass), np.zeros(3)) for mass in (6000, 9000, 7000)}
+    rows = Trajectory(tarm.joint_names, np.arange(3.0), tarm_path.q[[70] * 3], tuple(masses), ("",) * 3)
+    rows.q[:, tarm.joint_names.index("A6")] = tarm.robot.moving[-1].upper + np.array([0.1, 0.3, 0.2])
+    report = check(replace(tarm, payloads=masses, payload_rating=1.0), rows, 1.0)
+    flags = {flag.code: flag for flag in report.flags}
+    for code in ("beyond_effort", "outside_limits", "beyond_rating"):
+        assert flags[code].text.startswith("at 1 s: "), flags[code]
+    worst = tarm.deflection(rows.q[1], masses["p9000"], enforce_limits=False, allow_large=True)
+    assert flags["beyond_effort"].text == f"at 1 s: {worst.overload[0].text}"
+
+
 def test_joints_faster_than_their_limits_are_flagged_by_the_times_or_speeds_of_rows(tmp_path: Path) -> None:
     """One stretch of 0.1 s at twice the limit; then one at half of it whose rows state a speed beyond it."""
     arm = one_joint(tmp_path, np.zeros((6, 6)), (0.5, 0, 0))
@@ -487,7 +500,7 @@ def test_a_desired_path_of_other_rows_is_refused(heavy: Arm, heavy_path: Traject
         with pytest.raises(InputError, match=complaint):
             check(heavy, given, 0.1, against=meant)
     far = replace(path, q=np.where(np.arange(12)[:, None] == 4, path.q + 9.0, path.q))
-    with pytest.raises(JointLimitError, match="row 4 of the desired path: joint 'J1'"):
+    with pytest.raises(JointLimitError, match="row 4 of the desired path: joint 'J2'"):
         check(heavy, path, 0.1, against=far)
 
 
