@@ -274,6 +274,7 @@ class Certainty:
             selected wrongly, moves the tip so much.
         design_effect: How many readings informed on the parameters as much as one that is independent of the others
             would; the covariance has it in it. See `held_out.design_effect`.
+        payloads: Names of those under which it was read, empty where nobody says.
 
     Raises:
         InputError: Two parameters have the same label.
@@ -285,6 +286,7 @@ class Certainty:
     directions: Array | None = None
     misfit: float = 0.0
     design_effect: float = 1.0
+    payloads: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if len(set(self.labels)) < len(self.labels):  # a file could not distinguish them
@@ -343,4 +345,5 @@ class Certainty:
         directions = np.vstack(padded) if padded else None
         unexplained = other.unexplained or self.unexplained
         parameters = (*self.parameters, *other.parameters)
-        return Certainty(parameters, covariance, unexplained, directions, other.misfit, other.design_effect)
+        payloads = tuple(dict.fromkeys((*self.payloads, *other.payloads)))
+        return Certainty(parameters, covariance, unexplained, directions, other.misfit, other.design_effect, payloads)

@@ -137,7 +137,8 @@ def _remarks(calibration: Calibration) -> Iterator[str]:
         unit, factor = outlier.shown_in
         by = f" by {outlier.instrument}" if outlier.instrument else ""
         other = f": exchanged with the reading of {outlier.fellow}" if outlier.fellow else ""
-        yield f"outlier: {outlier.place}, {number(outlier.error_m * factor, 3)} {unit} off{by}{other}"
+        pose = calibration.measurements.pose[outlier.row]
+        yield f"outlier: {outlier.place} (pose {pose}), {number(outlier.error_m * factor, 3)} {unit} off{by}{other}"
 
 
 def print_campaigns(campaigns: Sequence[OfCampaign], stages: tuple[str, str], unit: str | Shown) -> None:

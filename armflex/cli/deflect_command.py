@@ -10,6 +10,7 @@ from armflex.cli import options
 from armflex.cli.terminal import number, print_table, say
 from armflex.conventions import Array
 from armflex.estimate.tip_uncertainty import flagged_covariance
+from armflex.laws.effects.in_arm import SumOfLaws
 from armflex.mechanics.certificate import NEAR
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.equilibrium import METHODS
@@ -62,12 +63,11 @@ def print_deflection(arm: Arm, deflection: Deflection, covariance: Array | None)
         say("No flexure is declared: the arm is rigid and its tip does not move.")
         return
     shift, left = (float(np.linalg.norm(motion[:3])) for motion in (deflection.displacement, deflection.remainder))
-    rows = [
-        [name, *(number(x * 1e3) for x in twist), number(share * 1e3)]
-        for name, twist, share in zip(names.flexures, deflection.twists, deflection.shares(), strict=True)
-    ]
+    along, rows = deflection.displacement[:3] / (shift or 1.0), list[list[str]]()
+    for name, twist, columns in places_of_deflection(arm, deflection):
+        share = float(along @ (columns @ twist)[:3])
+        rows.append([name, *(number(x * 1e3) for x in twist), number(share * 1e3)])
     if deflection.corrected.any():
-        along = deflection.displacement[:3] / (shift or 1.0)
         rows.append(["calibrated geometry", *["-"] * 6, number(float(deflection.corrected[:3] @ along) * 1e3)])
     print_table(
         "Local deflection of every flexure, and its share of the tip's displacement",
@@ -93,6 +93,19 @@ def print_deflection(arm: Arm, deflection: Deflection, covariance: Array | None)
         )
     if deflection.load_factor < NEAR:
         say(f"It would buckle under {number(deflection.load_factor)} times these loads.", "")
+
+
+def places_of_deflection(arm: Arm, deflection: Deflection) -> list[tuple[str, Array, Array]]:
+    """Return (name, (6,) local twist [m, rad], (6, 6) motion of the tip per twist): flexures, effects apart."""
+    row = arm.loaded(deflection.payload).row(deflection.q, deflection.case.covariates)
+    parts = list[tuple[str, Array, Array]]()
+    columns = np.split(deflection.flexure_jacobian, len(deflection.twists), axis=1)
+    loads = zip(deflection.names.flexures, arm.stack.laws, deflection.wrenches, deflection.twists, columns, strict=True)
+    for name, law, wrench, twist, moved in loads:
+        site, added = law.by_effects(wrench, row) if isinstance(law, SumOfLaws) else ("", np.zeros(6))
+        parts.append((name, twist - added, moved))
+        parts += [(f"effects at {site}", added, moved)] if site else []
+    return parts
 
 
 def _size(covariance: Array | None) -> float:

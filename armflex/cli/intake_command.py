@@ -79,5 +79,7 @@ def command(
         write_table(output, taken.columns)
         if arm_path is not None and taken.arm is not None:
             write_whole(arm_path, taken.arm.encode())
-        options.conclude(lambda: {"joined": taken.joined, "taken": taken.taken, "notes": taken.notes}, ())
+        unread = [{"pose": name, "line": line} for name, line in taken.without_point]
+        content = {"joined": taken.joined, "taken": taken.taken, "notes": taken.notes, "without_point": unread}
+        options.conclude(lambda: content, ())
     say_written(output, arm_path)

@@ -356,17 +356,21 @@ def taken_in(
     say(f"{len(taken.lines)} rows, joined {taken.joined}.")
     for note in taken.notes:
         say(f"Note: {note}.")
+    if taken.without_point:
+        rows = [f"{name} (line {line})" for name, line in taken.without_point]
+        say(f"Rows without a point: {listing(rows, len(rows))}.")
     return taken
 
 
-def campaign(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command an arm and its campaigns, and how both are taken: `keep`, `anyway`, `lax`.
+def measurements(function: Callable[..., Any], several: bool = True) -> Callable[..., Any]:
+    """Give a command campaigns, or files as they are that make one, and how these are read; it has `points`, too.
 
-    `measured` returns the campaigns for the arm, as one; see `joined`.
+    `measured` returns them for an arm, as one; see `joined`. The arm, where another option loads it, comes first.
     """
 
     @functools.wraps(function)
     def with_rows(
+        *arms: Arm,
         payload: str,
         force_text: str | None,
         points: PointExport | None,
@@ -381,6 +385,8 @@ def campaign(function: Callable[..., Any]) -> Callable[..., Any]:
         if points is not None and len(paths) > 1:
             raise InputError(f"--points has the positions of one campaign, and {len(paths)} are given")
         as_they_are = sigma is not None or any(path.is_dir() for path in paths)  # pictures have no coordinates
+        if not as_they_are and len(paths) > 1 and not several:
+            raise InputError(f"{len(paths)} files: expected one campaign; a log and an export as they are need --sigma")
         if not as_they_are and (take or targets or joints or sigma_r is not None):
             raise InputError("--take, --target, --joints and --sigma-r are for files as they are, which need --sigma")
 
@@ -395,11 +401,16 @@ def campaign(function: Callable[..., Any]) -> Callable[..., Any]:
                 return read_measurements(taken.table, arm, unnamed=unnamed)
             return joined([read_measurements(path, arm, points=points, unnamed=unnamed) for path in paths], arm)
 
-        return function(measured=measured, **rest)
+        return function(*arms, measured=measured, **rest)
 
-    decorated = as_they_are(force_option(payload_option(with_rows)))
-    measured = click.argument("paths", metavar="MEAS.csv ...", type=InputPath, nargs=-1, required=True)
-    for given in (points, lax, anyway, keep, measured, click.argument("arm_path", metavar="ARM", type=InputPath)):
+    paths_given = click.argument("paths", metavar="MEAS.csv ...", type=InputPath, nargs=-1, required=True)
+    return paths_given(as_they_are(force_option(payload_option(with_rows))))
+
+
+def campaign(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command an arm and its campaigns, and how both are taken: `keep`, `anyway`, `lax`; see `measurements`."""
+    decorated = measurements(function)
+    for given in (points, lax, anyway, keep, click.argument("arm_path", metavar="ARM", type=InputPath)):
         decorated = given(decorated)
     return decorated
 

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 @click.option("--sigma", type=Quantity("length"), metavar="0.2mm",
               help="Noise of a position reading [default: that of MEAS.csv, else 0.2mm].")  # fmt: skip
 @click.option("--floor", type=Quantity("length"), metavar="-0.8m",
-              help="Lowest height of any link or the payload in the base frame; that of the base where left out, "
+              help="Lowest height of any link, target or payload in the base frame; that of the base where left out, "
                    "unless the arm hangs below it.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the candidate rows.")
 @options.points

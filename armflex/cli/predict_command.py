@@ -23,9 +23,15 @@ from armflex.tasks.predict import predict_file
 def command(
     arm: Arm, unnamed: Unnamed, table_path: Path | None, rows_path: Path, output: Path, covariates: dict[str, float]
 ) -> None:
-    """The predicted tip pose, its uncertainty, and the displacement from the rigid arm, row by row."""
+    """What the instrument would read in every row, how sure that is, and how far the tip is from the rigid arm's.
+
+    x y z and pose_rx pose_ry pose_rz are of a calibrated arm's target, in the instrument's frame; of any other arm they
+    are of the tip, in the base frame. sigma_* are of x y z. dx dy dz rx ry rz are of the tip, in base axes.
+    """
     with together():
         with progress("predicting") as tick:
             rows, flags = predict_file(arm, rows_path, output, tick, covariates, unnamed, table_path)
         options.conclude(lambda: {"rows": rows}, flags, arm)
-    say(f"{rows} rows written to {output} (base {arm.robot.base}, tip {arm.robot.tip}).")
+    base, tip = arm.robot.base, arm.robot.tip
+    read = f"tip {tip}, base frame {base}" if arm.instrument is None else "target, instrument's frame"
+    say(f"{rows} rows written to {output}: x y z, pose_r* ({read}); dx .. rz (tip {tip}, base axes {base}).")

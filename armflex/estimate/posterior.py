@@ -60,7 +60,10 @@ def certainty_of(fit: Fit, least: float = 1.0) -> Certainty:
     directions = np.pad(posterior.null_space, ((0, 0), (len(kept.parameters), 0)))
     directions = directions if kept.directions is None else np.vstack([kept.directions @ follows.T, directions])
     every = (*kept.parameters, *parameters_of(fit.blocks))
-    whole = Certainty(every, covariance, (random or kept.unexplained) + walks, directions, fit.misfit, effect)
+    unknown = bool(kept.parameters) and not kept.payloads  # of a file from before they were written
+    here = () if unknown else (fit.view.driven.payload[row] for row in fit.view.rows)
+    carried = tuple(dict.fromkeys((*kept.payloads, *here)))
+    whole = Certainty(every, covariance, (random or kept.unexplained) + walks, directions, fit.misfit, effect, carried)
     places = [i for i, parameter in enumerate(every) if parameter.group.kind is not ParameterKind.UNEXPLAINED]
     return whole.part(sorted(places, key=lambda i: every[i].group.kind is ParameterKind.EFFECT))
 

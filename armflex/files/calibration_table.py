@@ -393,6 +393,8 @@ def certainty_table(certainty: Certainty) -> dict[str, Any]:
     if certainty.unexplained:
         every = [dict(zip(("site", "axis", "std"), term, strict=True)) for term in certainty.unexplained]
         table["unexplained"] = every if len(every) > 1 else every[0]
+    if certainty.payloads:
+        table["payloads"] = list(certainty.payloads)
     table["parameters"] = list(certainty.labels)
     if certainty.directions is not None:
         table["undetermined"] = certainty.directions.tolist()
@@ -423,6 +425,7 @@ def read_certainty(table: Declaration, arm: Arm) -> Certainty | None:
             that it has no more (another preset) is kept as what it is called.
     """
     misfit, effect = table.std("misfit_m", 0.0), table.number("design_effect", 1.0)
+    payloads = table.texts("payloads") if table.has("payloads") else ()
     if effect < 1.0:
         raise table.fail("design_effect", f"expected 1 or more, got {effect:g}")
     if not all([table.has("parameters"), table.has("covariance") or table.has("covariance_file")]):
@@ -461,7 +464,7 @@ def read_certainty(table: Declaration, arm: Arm) -> Certainty | None:
         site, axis = part.choice("site", site_names(arm.robot)), part.choice("axis", TWIST_NAMES)
         unexplained.append((site, axis, part.std("std")))
         part.finish()
-    return Certainty(arm.named(labels), covariance, tuple(unexplained), directions, misfit, effect)
+    return Certainty(arm.named(labels), covariance, tuple(unexplained), directions, misfit, effect, payloads)
 
 
 def _from_file(table: Declaration, labels: tuple[str, ...]) -> Array:

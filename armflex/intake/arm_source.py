@@ -111,11 +111,10 @@ def arm_source(
 ) -> tuple[ArmSource, list[str]]:
     """Return what of the files describes the arm, and what is wrong with it; see `intake` for what is asked."""
     robots, wrong, arm = [path for path in paths if path.suffix.lower() in ROBOTS], list[str](), ArmSource()
-    table = next((source for source in sources if is_dh(source)), None)
+    table = next((source for source in sources if is_dh(source, asked)), None)
     try:
         arm = ArmSource(table=table)
-        unused = [name for name, meaning in asked.items() if meaning == "unused"]
-        arm = replace(arm, dh=None if table is None else read_dh(table, dh, ask, unused))
+        arm = replace(arm, dh=None if table is None else read_dh(table, dh, ask, asked))
         arm = replace(arm, robot=load_robot(robots[0], tip, allow_massless=True) if robots else None)
     except (TableError, ManyErrors, UrdfError, UnknownNameError) as error:
         wrong += str(error).splitlines()

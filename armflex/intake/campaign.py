@@ -45,6 +45,7 @@ class Intake:
         lines: (N,) line of the log that each row is of.
         path: The log.
         arm: Text of an arm file, where one of the files describes the arm.
+        without_point: Name and line of the log of each row that no target was read in, where any was at all.
     """
 
     columns: Mapping[str, Sequence[Any]]
@@ -55,6 +56,7 @@ class Intake:
     lines: tuple[int, ...]
     path: Path
     arm: str | None = None
+    without_point: tuple[tuple[str, int], ...] = ()
 
     @property
     def table(self) -> Table:
@@ -202,7 +204,11 @@ def campaign(
         f"point = [0.0, 0.0, 0.0]\npoint_std = 0.3       # its place is found\nsigma = {sigmas[0]:g}"
         for target in list(placed.targets)[1:]
     )
-    return Intake(columns, _taken(records), how, declare, tuple(placed.notes), log.lines, log.path)
+    read = [np.isfinite(xyz).all(axis=1) for xyz in placed.targets.values()]
+    unread_rows = np.flatnonzero(~np.any(read, axis=0)).tolist() if read else []
+    without = tuple((placed.names[i], log.lines[i]) for i in unread_rows)
+    notes = tuple(placed.notes)
+    return Intake(columns, _taken(records), how, declare, notes, log.lines, log.path, without_point=without)
 
 
 def _whole(rows: Array) -> Array:

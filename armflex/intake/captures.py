@@ -349,7 +349,7 @@ def markers(source: SourceTable) -> list[SourceTable]:
     """
     meant = meanings(source, {})
     kinds = {meaning.kind for meaning in meant}
-    if is_dh(source):
+    if is_dh(source, {}):
         return [source]
     if kinds & {"joint", "coordinate"}:
         return [source] if "joint" in kinds else _of_each(source, meant)

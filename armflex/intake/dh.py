@@ -23,8 +23,9 @@ PARAMETERS = {
     "a": r"(?:a|r)(?:[_ ]?\(?i(?: ?- ?1)?\)?)?",
     "alpha": r"(?:alpha|α|al)(?:[_ ]?\(?i(?: ?- ?1)?\)?)?",
     "beta": r"(?:beta|β)(?:_?\(?i(?: ?- ?1)?\)?)?",
-    "offset": r"(?:(?:theta|θ|th|ϑ|q|joint)?[ _]?off(?:set)?(?:_?i)?)",
-    "home": r"(?:(?:theta|θ|th|ϑ|q)[ _]?(?:0|home)|home|zero)(?: ?(?:position|angle))?",
+    "offset": r"(?:(?:theta|θ|th|ϑ|q|joint)?[ _-]?off(?:set)?(?:_?i)?"
+    r"|off(?:set)?[ _-]?(?:of )?(?:theta|θ|th|ϑ|q|joint))",
+    "home": r"(?:(?:theta|θ|th|ϑ|q)[ _-]?(?:0|home|zero|null)|home|zero)(?: ?(?:position|angle))?",
 }
 """Names of columns with numbers; an offset is added to theta, as is a home where theta is none."""
 
@@ -155,26 +156,26 @@ class DhTable:
         return lines
 
 
-def is_dh(source: SourceTable) -> bool:
-    """Return whether a table has a, alpha and d or theta among its columns."""
-    columns = set(_columns(source))
+def is_dh(source: SourceTable, asked: Mapping[str, str]) -> bool:
+    """Return whether a table has a, alpha and d or theta among its columns, as named or `asked`."""
+    columns = set(_columns(source, asked))
     return {"a", "alpha"} <= columns and bool(columns & {"d", "theta"})
 
 
-def read_dh(source: SourceTable, form: str | None, ask: Ask | None, unused: Collection[str] = ()) -> DhTable:
+def read_dh(source: SourceTable, form: str | None, ask: Ask | None, asked: Mapping[str, str]) -> DhTable:
     """Return the rows of a table of DH parameters.
 
     Args:
         source: The table.
         form: "standard" or "modified", None where its columns have to say it.
         ask: Asks where it is open.
-        unused: Names of columns that are to be left out.
+        asked: What the caller says columns are, by their name: a parameter, as `theta_deg`, or `unused`.
 
     Raises:
         TableError: A cell is no number, or a column says of a joint what a row cannot.
-        ManyErrors: A unit, a column or the form are open.
+        ManyErrors: A unit, a column or the form are open, or nothing says what theta is.
     """
-    columns = {name: column for name, column in _columns(source).items() if source.header[column[0]] not in unused}
+    unused, columns = [name for name, meaning in asked.items() if meaning == "unused"], _columns(source, asked)
     for name, (at, unit) in columns.items():
         text = " ".join(map(str, source.columns[at]))
         if not unit and DEGREES.search(text) and not re.search("pi|π|rad", text, re.IGNORECASE):
@@ -219,6 +220,9 @@ def read_dh(source: SourceTable, form: str | None, ask: Ask | None, unused: Coll
         source, {at for at, _ in columns.values()}, {title for title, *_ in (*ends, *weighing)}, unused
     )
     form, why, open_ = _form(source, form, ask, khalil)
+    if columns.keys().isdisjoint(("theta", "offset", "home")):
+        text = "no column has theta, the angle of each row where its joint is at 0: --take 'COLUMN=theta' says which it"
+        open_.append(f"{path}: {text} is, and a column 'theta [deg]' with 0 in each row that there is none")
     if form == "modified" and not khalil and _bare(header["a"])[0].startswith("r"):
         open_.append(f"{path}: {header['a']!r} is along x in some texts, and along z in Khalil's: name columns a and d")
     if wrong := wrong + of_limits + of_bodies + about + open_:
@@ -437,8 +441,9 @@ def _beside(
         elif name in unused or BESIDE.fullmatch(_bare(name)[0]):
             taken.append((name, "not used", "", "as asked" if name in unused else "no part of the geometry"))
         else:
-            text = f"{name!r} beside DH parameters is not known: --take '{name}=unused' leaves it out"
-            wrong.append(f"{source.path}: {text}")
+            others = listing([*PARAMETERS][1:])
+            text = f"{name!r} beside DH parameters is not known: --take '{name}=theta' (or {others}) says what it is"
+            wrong.append(f"{source.path}: {text}, '{name}=unused' leaves it out")
     return taken, wrong
 
 
@@ -532,11 +537,14 @@ def _bare(header: str) -> tuple[str, str]:
     return text.strip().lower(), named_unit(unit).lower()
 
 
-def _columns(source: SourceTable) -> dict[str, tuple[int, str]]:
-    """Return where each parameter's column is, and its unit."""
+def _columns(source: SourceTable, asked: Mapping[str, str]) -> dict[str, tuple[int, str]]:
+    """Return where each parameter's column is, and its unit: those that are `asked` before those that are named so."""
     columns: dict[str, tuple[int, str]] = {}
-    for i, header in enumerate(source.header):
+    for i, header in sorted(enumerate(source.header), key=lambda column: column[1] not in asked):
         word, unit = _bare(header)
+        if header in asked:
+            word, said = _bare(asked[header])
+            unit = said or unit
         for name, pattern in (PARAMETERS | WORDS).items():
             if re.fullmatch(pattern, word) and name not in columns:
                 columns[name] = i, unit

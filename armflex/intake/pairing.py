@@ -211,7 +211,19 @@ class _Sides:
         if spare:
             notes.append(f"{len(spare)} {what}s of {self.export.path.name} belong to no row ({in_lines(spare)})")
         how = f"by time{self.several}" + (f", {float(np.median(apart)):.3g} s apart" if apart else "")
-        return Match(row_of, self.names, how, tuple(notes))
+        names, about = self.by_points(row_of)
+        return Match(row_of, names, how, (*notes, *about))
+
+    def by_points(self, row_of: dict[str, np.ndarray]) -> tuple[list[str], list[str]]:
+        """Return what rows are called, by their points where a log has no names of its own, and what is left out."""
+        if self.wanted is not None or self.given is None or self.what == "picture":
+            return self.names, []
+        at = [next((row[i] for row in row_of.values() if row[i] >= 0), -1) for i in range(len(self.names))]
+        called = [self.split[k][0] for k in at if k >= 0]
+        if (twice := next((name for name in called if called.count(name) > 1 or not name), None)) is not None:
+            return self.names, [f"rows are not called as points are: several of those are called {twice!r}"]
+        others = [f"row {name}" if name in called else name for name in self.names]
+        return [self.split[k][0] if k >= 0 else other for k, other in zip(at, others, strict=True)], []
 
     def by_order(self) -> Match:
         log, export, given = self.log.path.name, self.export.path.name, self.given

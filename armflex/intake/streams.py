@@ -348,7 +348,7 @@ def unsteady(time: Array, places: Array, spans: Array) -> np.ndarray:
 
 
 def reduced(source: Source, time: Array, spans: Array, shift: float) -> Source:
-    """Return a recording as one row for each span: means of numbers, the first of texts; spans without samples empty.
+    """Return a recording as one row for each span: means of numbers, the middle of texts; spans without samples empty.
 
     `shift` is how much its clock is ahead of that of the spans [s].
 
@@ -368,7 +368,7 @@ def reduced(source: Source, time: Array, spans: Array, shift: float) -> Source:
             means = [values[rows][np.isfinite(values[rows])] for rows in rows_in]
             columns.append(np.array([read.mean() if len(read) else np.nan for read in means]))
         else:
-            columns.append(tuple(str(cells[rows[0]]) if len(rows) else "" for rows in rows_in))
+            columns.append(tuple(str(cells[rows[len(rows) // 2]]) if len(rows) else "" for rows in rows_in))
     lines = tuple(source.lines[rows[0]] if len(rows) else 0 for rows in rows_in)
     return replace(source, lines=lines, columns=tuple(columns), spans=spans)
 

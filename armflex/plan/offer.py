@@ -57,8 +57,8 @@ class Reach:
         levels: Values that can be set of what effects depend on, by name.
         session: The session in which the rows will be measured.
         sigma: (3,) standard deviation of a position read [m].
-        floor: Lowest height of any link or the payload in the base frame [m]; None for that of the base, 0, unless the
-            arm hangs below it in every row.
+        floor: Lowest height of any link, target or payload in the base frame [m]; None for that of the base, 0, unless
+            the arm hangs below it in every row.
         read: Names of the instruments that are read; '' is the one at the tip.
         sigmas: By instrument (n,) standard deviations of its numbers, in their units, where a campaign determined them.
         blank: What is recorded with the readings, by name: a file of rows leaves it open.
@@ -268,9 +268,9 @@ def _offer(reach: Reach, setup: Setup, box: Array) -> Offer:
 def _clearances(arm: Arm, rows: Rows, view: View) -> tuple[Array, Array]:
     """Return (N,) the height of the lowest part of the arm in the base, and how far it stays off its own column [m].
 
-    The arm is taken as lines between the origins of its links, and its payload as the centre of mass. What no pose
-    lifts or lowers counts for no floor. The column goes from the base to the last link that no pose moves; what begins
-    in it, as an upper arm does, is not in its way.
+    The arm is taken as lines between the origins of its links, from those to the targets and instruments on them, and
+    to its payload's centre of mass. What no pose lifts or lowers counts for no floor. The column goes from the base to
+    the last link that no pose moves; what begins in it, as an upper arm does, is not in its way.
     """
     places = dict(zip(view.line.link_names, view.line.links.transpose(1, 0, 2, 3)[:, :, :3, 3], strict=True))
     ends = [(joint.parent, joint.child) for joint in arm.robot.urdf.joints.values() if joint.child in places]
@@ -278,6 +278,11 @@ def _clearances(arm: Arm, rows: Rows, view: View) -> tuple[Array, Array]:
     tip, loads = view.line.tip, [arm.payload(name) for name in rows.payload]
     com = np.array([load.com * (load.mass > 0.0) for load in loads])
     lines.append((tip[:, :3, 3], tip[:, :3, 3] + np.einsum("nij,nj->ni", tip[:, :3, :3], com)))
+    for name in ("", *(name for name, sensor in arm.sensors.items() if sensor.link in view.line.link_names)):
+        # What touches a socket is as low as the socket is.
+        if not isinstance(arm.sensors.get(name), TouchingSensor):
+            end = view.at.end(name)
+            lines.append((end.pose[:, :3, 3], end.place))
     # Points looked at along every link
     share = np.linspace(0.0, 1.0, 5)[:, None, None]
     lowest, clear = np.full(len(tip), np.inf), np.full(len(tip), np.inf)

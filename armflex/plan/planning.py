@@ -94,7 +94,7 @@ def plan(
         payloads: What may be carried; every payload of the arm, and nothing, when not given.
         covariates: Values that can be set of what effects depend on, by name.
         sigma: Standard deviation of a position read [m]; that of `after`, else 0.2 mm, when not given.
-        floor: Lowest height of any link or the payload in the base frame [m]; when not given, 0, the
+        floor: Lowest height of any link, target or payload in the base frame [m]; when not given, 0, the
             height of the base, and none for an arm that hangs below it wherever it is.
         seed: Of the rows that are offered.
         progress: Called with (steps done, steps in all).

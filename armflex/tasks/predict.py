@@ -1,4 +1,4 @@
-"""The tip's pose for every row of a table, as the instrument would read it."""
+"""What would be read in every row of a table: the target's pose of a calibrated arm, the tip's of any other."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ Progress = Callable[[int, int | None], None]
 
 @dataclass(frozen=True, repr=False)
 class Prediction(Result):
-    """Where the tip will be: in the instrument's frame where it is known, else in the base frame.
+    """What will be read: the target in the instrument's frame where the arm is calibrated, else the tip in the base's.
 
     Attributes:
         rows: What was asked.
@@ -61,7 +61,7 @@ class Prediction(Result):
         sigma: (N, 3) standard uncertainty of the position from the laws and from fitted parameters [m], None where
             neither has one; what the instrument's noise adds is not in it. Infinite, and flagged, where it depends on
             what neither a campaign nor a prior determined.
-        displacement: (N, 6) flexed minus rigid, base axes [m, rad].
+        displacement: (N, 6) of the tip, flexed minus rigid, base axes [m, rad].
         flags: Flags, each with the first row it concerns; those about a law with the worst, and how many there are.
         outside: For every row flags about what is beyond the range in which a law or an effect was found, with that
             range; empty where the arm has nothing that was found in one.
@@ -342,6 +342,7 @@ class _Flags:
         self._unclear: dict[str, int] = {}
         self._sessions: set[str] = set()
         self._met: dict[str, Flag] = {}
+        self._payloads: dict[str, int] = {}
         self._worst: dict[tuple[str, str], tuple[int, int, Flag]] = {}
         self._fitted: dict[Flag, None] = {}
         self._timed: dict[str, Flag] = {}
@@ -354,6 +355,9 @@ class _Flags:
         frames = {*arm.instrument.sessions, *arm.instrument.targets} if arm.instrument else ()
         if frames:
             self._sessions |= set(rows.session) - set(frames)
+        if arm.certainty is not None and arm.certainty.payloads:
+            for name in set(rows.payload) - set(arm.certainty.payloads):
+                self._payloads[name] = self._payloads.get(name, 0) + rows.payload.count(name)
         for number, flag in sorted(deflection.flags_by_row, key=lambda pair: pair[0]):
             limited = flag.code == "outside_limits"
             self._beyond += limited
@@ -384,6 +388,11 @@ class _Flags:
             names = ", ".join(sorted(name or "rows without a session" for name in self._sessions))
             text = f"{names}: not among the calibrated sessions, so taken without a shift of their own"
             about["new_session"] = Flag("new_session", text)
+        if self._payloads and arm.certainty is not None:
+            names = ", ".join(f"{name} ({count} rows)" for name, count in sorted(self._payloads.items()))
+            seen = ", ".join(arm.certainty.payloads)
+            text = f"payload {names}: the arm was calibrated under {seen} alone, and sigma does not have in it how far "
+            about["new_payload"] = Flag("new_payload", text + "its laws are off under another load")
         derived = [derived_direction(name, unclear) for name, unclear in self._unclear.items()]
         if self._beyond > 1:
             furthest = self._met["outside_limits"]

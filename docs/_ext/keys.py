@@ -351,6 +351,7 @@ KEYS: dict[str, dict[str, Key]] = {
             "scatter of the readings beyond their stated noise, or of poses held out from a trace beyond its fit", "m"
         ),
         "design_effect": Key("readings that carry as much information as one independent reading would", "1"),
+        "payloads": Key("names of the payloads under which the campaigns were measured"),
         "unexplained": Key("where something without a recorded cause acts: a table, or a list of several"),
         "parameters": Key("names of the fitted parameters, in the order of the covariance"),
         "covariance": Key("posterior covariance: rows of the lower triangle", "products of the parameters' units"),

@@ -126,6 +126,17 @@ class SumOfLaws(Composed):
     def tangent(self, wrench: Array, row: Row) -> Array:
         return sum((law.tangent(wrench, row) for law in self.laws[1:]), self.laws[0].tangent(wrench, row))
 
+    def by_effects(self, wrench: Array, row: Row) -> tuple[str, Array]:
+        """Return where effects act, and their (..., 6) part of the twist [m, rad]; '' where they have the place alone.
+
+        A flexure's own part is the rest.
+        """
+        own, *parts = self.laws
+        if isinstance(own, BoundTwist):
+            return "", np.zeros(wrench.shape)
+        sites = [part.effect.location.site for part in parts if isinstance(part, BoundTwist)]
+        return sites[0], sum((part.twist(wrench, row) for part in parts), np.zeros(wrench.shape))
+
 
 def with_twists(flexures: Sequence[Flexure], effects: Sequence[Effect], robot: Robot) -> tuple[Flexure, ...]:
     """Return the flexures as they are with effects: laws extended, and a flexure of its own where there was none."""

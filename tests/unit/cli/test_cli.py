@@ -46,6 +46,39 @@ def test_help_of_every_command(armflex: Run, command: str) -> None:
     assert "--json" in text
 
 
+ARM_WITH_BOTH = """[robot]
+dh = "standard"
+gravity = [0.0, 0.0, -9.81]
+[robot.joint]
+A1 = { d_mm = 450, a_mm = 150, alpha_deg = -90 }
+A2 = { theta_deg = -90, a_mm = 850 }
+[payload.p]
+mass = 100.0
+com = [0.0, 0.0, 0.0]
+[flexure.A2]
+joint = "A2"
+joint_stiffness = 1.0e6
+[[effect]]
+name = "gear_harmonic"
+site = "A2"
+axis = "rz"
+covariates = ["q_A2"]
+parameters = { A = 0.0, B = 1e-3, k = 1.0 }
+"""
+
+
+def test_deflect_prints_a_flexure_and_the_effects_at_its_joint_apart(armflex: Run, tmp_path: Path) -> None:
+    (tmp_path / "arm.toml").write_text(ARM_WITH_BOTH)
+    printed = fine(armflex("deflect", "arm.toml", "--q", "A2=90deg", "--payload", "p")).stdout
+    table = printed.partition("Local deflection")[2].partition("Tip:")[0]
+    rows = {line[:15].strip(): [float(cell) for cell in line[15:].split()] for line in table.splitlines()[4:-1]}
+    # 100 kg at 0.85 m on 1e6 Nm/rad, and a wave whose cosine is 0 here, or 1 at 0.
+    assert rows["A2"][5] == pytest.approx(0.8339, rel=1e-3)
+    assert abs(rows["effects at A2"][5]) < 2e-3
+    printed = fine(armflex("deflect", "arm.toml", "--q", "A2=0", "--payload", "p")).stdout
+    assert [line.split()[8] for line in printed.splitlines() if line.startswith(" effects at A2")] == ["1"]
+
+
 def test_deflect_json(armflex: Run, tmp_path: Path, tarm: Arm) -> None:
     result = fine(
         armflex(

@@ -427,6 +427,22 @@ def test_dh_tables_with_symbols_and_offsets(tmp_path: Path, header: str, rows: t
     assert "J2 = { theta_deg = -90.0, d_mm = 0.0, a_mm = 550.0, alpha_deg = 0.0 }" in found.arm
 
 
+@pytest.mark.parametrize(
+    "name", ["Theta-Offset [°]", "Offset theta [deg]", "θ offset [deg]", "θ₀ [deg]", "Theta-0 (°)", "*Nullwinkel [°]"]
+)
+def test_theta_is_read_under_its_names_or_as_the_caller_says_and_is_never_left_out(tmp_path: Path, name: str) -> None:
+    path, rows = tmp_path / "dh.csv", log(tmp_path / "log.csv", ["P1", "P2", "P3"])
+    path.write_text(f"Joint,{name},d [mm],a [mm],alpha [deg]\n" + "\n".join(ROWS), encoding="utf-8")
+    unknown = name.startswith("*")
+    if unknown:
+        with pytest.raises(InputError, match=r"winkel .*--take '.*=theta' \(or d, a, alpha.*=unused' leaves it out"):
+            intake([path, rows], None, dh="standard")
+    arm = intake([path, rows], None, {name: "theta"} if unknown else {}, dh="standard").arm
+    assert arm is not None and "J2 = { theta_deg = -90.0, d_mm = 0.0, a_mm = 550.0" in arm
+    with pytest.raises(InputError, match=r"no column has theta, .*--take 'COLUMN=theta'"):
+        intake([path, rows], None, {name: "unused"}, dh="standard")
+
+
 def test_what_else_a_dh_table_says_is_read_or_refused(tmp_path: Path) -> None:
     path, rows = tmp_path / "dh.csv", log(tmp_path / "log.csv", ["P1", "P2", "P3"])
     for header, cells, text in (

@@ -2,11 +2,13 @@
 
 import sys
 from collections.abc import Callable
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from support.command_line import fine, run_here, strict_json
 from support.recordings import NAMES, PAUSES, POSES, RECORDED, SEEN, SHIFT, TT, Q, T, bag, log, mcap_json, motive, tip
 
 from armflex.errors import InputError, UnsupportedError
@@ -60,6 +62,29 @@ def test_points_of_a_tracker_fall_into_the_dwells_of_a_log(tmp_path: Path, clock
     assert np.isnan(xyz[4]).all()
     assert np.allclose(np.delete(xyz, 4, axis=0), tip(POSES[kept]))
     assert any("apart" in note for note in found.notes) == (clock != "as it is")
+    assert list(found.columns["pose"]) == ["5" if i == 4 else f"P{i}" for i in range(9)]
+    assert [(name, line == found.lines[4]) for name, line in found.without_point] == [("5", True)]
+    asked = ("--sigma", "0.05mm", "-o", "c.csv", "--json", "c.json")
+    said = fine(run_here(tmp_path, "intake", "joints.csv", export.name, *asked))
+    assert f"Rows without a point: 5 (line {found.lines[4]})." in said.stdout
+    assert strict_json(tmp_path / "c.json")["without_point"] == [{"pose": "5", "line": found.lines[4]}]
+
+
+def test_a_row_of_a_stand_is_at_its_middle_however_its_clock_is_written(tmp_path: Path) -> None:
+    seconds, stamps = tmp_path / "seconds.csv", tmp_path / "stamps.csv"
+    head, begins = "time," + ",".join(f"q_{name}" for name in NAMES), datetime(2026, 3, 12, 14, 5)
+    for path, clock in ((seconds, str), (stamps, lambda time: (begins + timedelta(seconds=time)).isoformat())):
+        rows = zip(T.tolist(), Q.tolist(), strict=True)
+        path.write_text("\n".join([head, *(",".join([clock(time), *map(str, q)]) for time, q in rows)]))
+    export = tmp_path / "tracker.txt"
+    at = np.cumsum(1.2 + PAUSES) - 0.5 * PAUSES
+    places = [f"{','.join(map(str, 1e3 * tip(POSES[i : i + 1])[0]))},{at[i]}" for i in range(9)]
+    export.write_text("\n".join(["x_mm,y_mm,z_mm,time", *places]))
+    times = list(map(float, intake([seconds, export], 5e-5).columns["time"]))
+    dates = [datetime.fromisoformat(cell) for cell in intake([stamps, export], 5e-5).columns["time"]]
+    assert np.diff(times[1:]) == pytest.approx(np.diff(at[1:]), abs=0.1)  # the arm stands before it drives to the first
+    assert [(date - dates[0]).total_seconds() for date in dates] == pytest.approx(times, abs=0.01)
+    assert (dates[1] - begins).total_seconds() == pytest.approx(at[1], abs=0.2)
 
 
 @pytest.mark.parametrize(

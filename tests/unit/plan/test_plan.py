@@ -33,6 +33,7 @@ from armflex.plan.effects_in_question import named_effect, spelled
 from armflex.plan.instruments import informing_levels, unlike
 from armflex.plan.picture import draw_plan
 from armflex.plan.planned_rows import Plan
+from armflex.readings.instrument import Instrument
 from armflex.rows import Rows
 
 BOOM = ROBOTS / "tarm_like" / "measured.toml"
@@ -206,6 +207,13 @@ def test_the_floor_is_at_the_base_unless_it_is_given_or_the_arm_hangs(six: Arm) 
     lowest = [points[..., 2].min() for points in along_links(six, standing.rows).values()]
     assert min(lowest) > -1e-6 and standing.offered.dropped["below_floor"] > 10
     assert not hanging.offered.dropped["below_floor"] and not below.offered.dropped["below_floor"]
+
+
+def test_no_target_is_below_the_floor_either(six: Arm) -> None:
+    target = np.array([0.0, 0.0, 0.4])
+    planned = plan(replace(six, instrument=Instrument(target=target)), 4, payloads=("none",), floor=0.2)
+    poses = [six.deflection(q).pose for q in planned.rows.q]
+    assert min(float((pose.translation + pose.rotation @ target)[2]) for pose in poses) > 0.2 - 1e-3
 
 
 def test_rows_are_written_in_the_units_of_the_campaign_before(six: Arm, told: Plan, tmp_path: Path) -> None:

@@ -188,6 +188,31 @@ def test_the_page_and_the_command_say_the_same(campaign: tuple[armflex.Arm, Path
     assert f"{max(one.accuracy.value for one in found.poses) * 1e3:.3f}"[:4] in page
 
 
+def test_a_log_and_an_export_are_reported_as_the_campaign_that_they_make(
+    campaign: tuple[armflex.Arm, Path], tmp_path: Path
+) -> None:
+    arm, path = campaign
+    with path.open() as file:
+        head, *rows = csv.reader(file)
+    for name, kept in (("log.csv", head[: head.index("x")]), ("tracker.csv", ["pose", "x", "y", "z"])):
+        named = [column if column not in "xyz" else f"{column} [m]" for column in kept]
+        with (tmp_path / name).open("w", newline="") as file:
+            csv.writer(file).writerows([named, *([row[head.index(column)] for column in kept] for row in rows)])
+    files, given = (
+        [str(tmp_path / "log.csv"), str(tmp_path / "tracker.csv")],
+        [str(path.parent / "arm.toml"), "--iso9283"],
+    )
+    done = CliRunner().invoke(
+        program, ["report", *given, *files, "--sigma", f"{NOISE}m", "--json", str(tmp_path / "r.json")]
+    )
+    assert done.exit_code == 0, done.output
+    found = armflex.iso9283(arm, armflex.read_measurements(path, arm))
+    poses = json.loads((tmp_path / "r.json").read_text())["poses"]
+    assert [one["rp_m"]["value"] for one in poses] == pytest.approx([one.repeatability.value for one in found.poses])
+    refused = CliRunner().invoke(program, ["report", *given, *files])
+    assert "2 files: expected one campaign" in str(refused.exception)
+
+
 @pytest.mark.slow
 def test_without_repeats_or_a_standard_the_error_says_so(campaign: tuple[armflex.Arm, Path], tmp_path: Path) -> None:
     arm, path = campaign
