@@ -380,10 +380,23 @@ def fitted_to(
         *far_from_declared(fitted, fitted.parameters, calibrated),
         *_against_load(fitted),
         *soft(calibrated.flexures, anywhere(arm.robot), arm.flags),
+        *(() if as_stated or keep or not certainty.misfit else _held(arm)),
         *(() if excused else worse_than_declared(errors, fitted.view.readings.shown_in)),
         *(() if scattered is None else _standing_off(certainty.unexplained)),
     )
     return Calibration(calibrated.left(), fitted, placed.view, measurements, flags, errors, scattered)
+
+
+def _held(arm: Arm) -> Iterator[Flag]:
+    """Yield the flag about compliances that are uncertain as declared, and that [prior] leaves as they are."""
+    laws = {flexure.name: flexure.law for flexure in arm.flexures if flexure.learn is None and flexure.law.relative_std}
+    held = {name: law.relative_std for name, law in laws.items() if law.freed(anywhere(arm.robot))}
+    if held and not arm.prior.compliance:
+        most = max(held.values())
+        text = (
+            f"the compliance of {listing(held)} is held although it is known to {most:.0%} as declared, and readings "
+        )
+        yield Flag("held", f"{text}scatter by more than they state: compliance = {most:g} under [prior] frees it")
 
 
 def _against_load(fitted: Fit) -> Iterator[Flag]:

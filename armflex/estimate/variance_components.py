@@ -29,12 +29,9 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri, dtrtrs
 
-from armflex.conventions import Array
+from armflex.conventions import RESOLUTION, Array
 from armflex.errors import ConvergenceError
 from armflex.estimate.fit import THOROUGH
-
-LEAST_INFORMED = 1e-3
-"""Tolerance: information of the readings on an amplitude, by that of its prior, below which it is left out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +44,7 @@ class MixedModel:
         objective: J0, the readings' square without any column.
         freedom: n.
         variances: (C, K) V, variance of each column's amplitude per unit of a component's.
+        least: Information of the readings on an amplitude, by that of its prior, below which it is left out.
     """
 
     gram: Array
@@ -54,6 +52,7 @@ class MixedModel:
     objective: float
     freedom: float
     variances: Array
+    least: float = RESOLUTION
 
     @cached_property
     def unit(self) -> Array:
@@ -145,7 +144,7 @@ class Components:
     def spread(self) -> Array:
         """(K,) D^1/2, standard deviation of each amplitude by the noise."""
         variance = self.ratios @ self.model.variances
-        return np.sqrt(np.where(variance * np.diag(self.model.gram) > LEAST_INFORMED, variance, 0.0))
+        return np.sqrt(np.where(variance * np.diag(self.model.gram) > self.model.least, variance, 0.0))
 
     @cached_property
     def columns(self) -> np.ndarray:

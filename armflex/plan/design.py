@@ -247,7 +247,8 @@ def instead(effect: Effect, hypothesis: Effect, levels: Collection[str] = ()) ->
     `shows`.
     """
     both, places = (hypothesis, effect), (hypothesis.location, effect.location)
-    one_motion = len({(place.site, place.axis) for place in places}) == 1 and places[0].axis is not None
+    ends = {(place.place, place.axis) for place in places}  # a link bends where the joint at its end begins
+    one_motion = len(ends) == 1 and places[0].axis is not None
     determined = dict.fromkeys(
         shows(effect.law, effect.location.place, levels)
         for effect in both

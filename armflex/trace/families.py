@@ -51,7 +51,7 @@ from armflex.robot.urdf import Joint
 from armflex.rows.rows import APPROACH, TIME, Rows
 from armflex.trace.bank import Bank
 from armflex.trace.hypotheses import EFFECTS, FAMILIAL
-from armflex.trace.projection import LEAST_SCATTER, Projection
+from armflex.trace.projection import LEAST_INFORMED, LEAST_SCATTER, Projection
 from armflex.trace.selection import MOST_TRIED, SCALES, WITHIN
 
 
@@ -270,7 +270,7 @@ class Kinds:
         gram = projection.inside(self.columns)
         score = self.columns.T @ projection.residual
         square = projection.objective + projection.freedom * LEAST_SCATTER**2
-        model = MixedModel(gram, score, square, projection.freedom, self.variances)
+        model = MixedModel(gram, score, square, projection.freedom, self.variances, LEAST_INFORMED)
         return Sized(
             self, projection, model, model.at(np.array([near.ratios.get(part, 0.0) for part in self.components]))
         )

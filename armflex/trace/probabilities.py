@@ -15,12 +15,12 @@ import numpy as np
 from scipy.special import logit, logsumexp
 
 from armflex.conventions import Array
-from armflex.estimate.variance_components import LEAST_INFORMED
 from armflex.laws.effects.candidate import places_of
 from armflex.laws.effects.effect import Search
 from armflex.parameters import DOUBT
 from armflex.plan.next_measurement import POSSIBLE
 from armflex.trace.hypotheses import Hypothesis, oddness, of_family
+from armflex.trace.projection import LEAST_INFORMED
 from armflex.trace.refine import refine
 from armflex.trace.screen import ALMOST, Dense, Screen
 from armflex.trace.selection import MOST_COMPETING, SCALES, WITHIN, Chosen, Model, climbed, rivals, without

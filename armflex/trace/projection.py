@@ -16,11 +16,13 @@ from scipy.linalg import get_lapack_funcs
 
 from armflex.conventions import Array
 from armflex.estimate.fit import Fit
-from armflex.estimate.variance_components import LEAST_INFORMED
 from armflex.linear_gaussian import ROUNDING, LinearGaussian
 
 LEAST_SCATTER = 0.01
 """Prior: standard deviation of readings over that stated below which it is chance: nobody states a hundred times it."""
+
+LEAST_INFORMED = 1e-3
+"""Tolerance: information of the readings on an amplitude, by that of its prior, below which it is left out."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,50 +38,53 @@ MOMENTS = 12
 """Tolerance: every moment is tried within this part of all of them to either side of the grid's best."""
 
 
-def refine(beside: Beside, some: Sequence[Rival]) -> None:
-    """Add refined ones of some hypotheses of a screen beside a model; beside the same others none is refined twice."""
+def refine(beside: Beside, near: Sequence[Rival]) -> None:
+    """Add refined ones of hypotheses of a screen beside a model; beside the same others none is refined twice."""
     screen = beside.evidence
     assert isinstance(screen, Screen)
     screen.bank.reporter.step(f"refining beside {len(beside.model)} laws", 0, 0)
-    others = frozenset(screen.groups[one.number].hypothesis.spot for one in beside.model)
-    found, odds = list[Hypothesis](), beside.odds.max(axis=1)
+    others = frozenset(screen.groups[chosen.number].hypothesis.spot for chosen in beside.model)
+    refined, odds = list[Hypothesis](), beside.odds.max(axis=1)
+    on_grid = [group.hypothesis for group in screen.groups[: len(odds)]]
 
-    def of_grid(spot: tuple) -> list[Hypothesis]:
-        known = [group.hypothesis for group in screen.groups[: len(odds)]]
-        like = [i for i, one in enumerate(known) if one.spot == spot and one.prior > -np.inf]  # slopes have none
-        return [screen.groups[i].hypothesis for i in sorted(like, key=lambda i: -odds[i])[:MOST_TRIED]]
+    def likeliest(spot: tuple, most: int) -> list[Hypothesis]:
+        at_spot = [
+            i for i, each in enumerate(on_grid) if each.spot == spot and each.prior > -np.inf
+        ]  # slopes have none
+        return [on_grid[i] for i in sorted(at_spot, key=lambda i: -odds[i])[:most]]
 
     def best(starts: Sequence[Hypothesis], tau: float) -> list[Hypothesis]:
-        tried = [one for start in starts if (one := _Search(screen, beside, start, tau).best()) is not None]
-        return [max(tried, key=lambda one: one[1])[0]] if tried else []
+        ends = [end for start in starts if (end := _Search(screen, beside, start, tau).best()) is not None]
+        return [max(ends, key=lambda end: end[1])[0]] if ends else []
 
-    for place, rival in enumerate(some):
+    for place, rival in enumerate(near):
         hypothesis = screen.groups[rival.chosen.number].hypothesis
         before = screen.refined.setdefault(hypothesis.spot, set())
         # Values that were refined beside others are near: they are refined again where a climb looks at them.
         if others not in before and (not before or place < MOST_TRIED // 2):
             before.add(others)
-            starts = of_grid(hypothesis.spot) if hypothesis.one.law.search is Search.SPACE else [hypothesis]
-            found += best(starts, SCALES[rival.chosen.scale])
-    screen.extend(found)
+            in_space = hypothesis.one.law.search is Search.SPACE
+            starts = likeliest(hypothesis.spot, MOST_TRIED) if in_space else [hypothesis]
+            refined += best(starts, SCALES[rival.chosen.scale])
+    screen.extend(refined)
     lead = screen.groups[int(beside.odds.max(axis=1).argmax())].hypothesis
     law, led = lead.one.law, others | {("led by", lead.spot)}
     if law.search is not Search.SPACE:
         return
     # A point of the grid is near the place from some links, and far from it from others.
     inner = tuple(
-        value if one.spread is None or one.default is None else one.default
-        for one, value in zip(law.inner, lead.one.inner, strict=True)
+        value if parameter.spread is None or parameter.default is None else parameter.default
+        for parameter, value in zip(law.inner, lead.one.inner, strict=True)
     )
-    found = list[Hypothesis]()
-    for spot in dict.fromkeys(one.hypothesis.spot for one in screen.groups if one.hypothesis.one.law is law):
+    refined = list[Hypothesis]()
+    for spot in dict.fromkeys(group.hypothesis.spot for group in screen.groups if group.hypothesis.one.law is law):
         before = screen.refined.setdefault(spot, set())
         if spot != lead.spot and led not in before:
             before.add(led)
-            for grid in of_grid(spot)[:1]:  # none where all that it may do moves nothing
-                there = replace(grid, one=replace(grid.one, inner=inner))
-                found += best([grid, there], SCALES[len(SCALES) // 2])
-    screen.extend(found)
+            for start in likeliest(spot, 1):  # none where all that it may do moves nothing
+                there = replace(start, one=replace(start.one, inner=inner))
+                refined += best([start, there], SCALES[len(SCALES) // 2])
+    screen.extend(refined)
 
 
 def anchored_anew(beside: Beside) -> list[Model]:
@@ -90,24 +93,21 @@ def anchored_anew(beside: Beside) -> list[Model]:
     Beside a hose that is held by a wrong anchor what is missing explains little, since the anchor imitates it. What is
     most probable with the slopes of the anchor as further columns is added, and the hose refined beside it.
     """
-    screen, found = beside.evidence, list[tuple[float, Model]]()
+    screen, longer = beside.evidence, list[tuple[float, Model]]()
     assert isinstance(screen, Screen)
-    for i, hypothesis in enumerate(screen.groups[one.number].hypothesis for one in beside.model):
-        others = without(beside.model, i)
-        some = (
-            (others, *(without(others, j) for j in range(len(others))))
-            if hypothesis.one.law.search is Search.SPACE
-            else ()
-        )
-        for rest in some:
-            best = rivals(screen.beside(rest), refine, lambda each, spot=hypothesis.spot: each.spot == spot)[:1]
-            for whole in [screen.beside((*rest, each.chosen)) for each in best]:
+    for i, chosen in enumerate(beside.model):
+        hypothesis, others = screen.groups[chosen.number].hypothesis, without(beside.model, i)
+        if hypothesis.one.law.search is not Search.SPACE:
+            continue
+        for rest in (others, *(without(others, j) for j in range(len(others)))):
+            anew = rivals(screen.beside(rest), refine, lambda each, spot=hypothesis.spot: each.spot == spot)[:1]
+            for whole in [screen.beside((*rest, rival.chosen)) for rival in anew]:
                 for rival in rivals(_freed(screen, whole))[:2]:
                     if rival.chosen not in others:
-                        found.append((whole.log_posterior + rival.odds, (*rest, rival.chosen)))
+                        longer.append((whole.log_posterior + rival.odds, (*rest, rival.chosen)))
     models = list[Model]()
-    for _, rest in sorted(found, key=lambda each: -each[0])[:MOST_TRIED]:
-        models += [(*rest, each.chosen) for each in rivals(screen.beside(rest), refine)[:1]]
+    for _, rest in sorted(longer, key=lambda pair: -pair[0])[:MOST_TRIED]:
+        models += [(*rest, rival.chosen) for rival in rivals(screen.beside(rest), refine)[:1]]
     return models
 
 

@@ -9,6 +9,7 @@ from itertools import accumulate, islice
 from typing import Self
 
 import numpy as np
+from scipy.special import logsumexp
 
 from armflex.conventions import RESOLUTION, Array
 from armflex.laws.effects.candidate import Candidate
@@ -86,12 +87,14 @@ class Screen(Evidence):
         starts = bank.starts.tolist()
         self.groups = [Group(one, a, scale[a:b]) for one, a, b in zip(known, starts, starts[1:], strict=False)]
         self.groups, acting = _moving(self.groups)
+        self._twins: dict[tuple, Candidate] = {}
         batches = tuple(Batch(*own, np.array([known[i].positive for i in own[0].tolist()])) for own in some)
         if (alone := _alone(batches)) is not None:
             left, at = alone.inside[:, 0, 0], alone.places[:, 0]
             visible = left > ALMOST * self.unit
             marked = marked[at] * scale[at, None] / np.sqrt(np.where(visible, left, 1.0))[:, None]
             self.groups = _named(self.groups, alone.numbers[visible], marked[visible])
+            self.groups, self._twins = _tied(self.groups, alone.numbers[visible], marked[visible])
         self._held = Columns(bank, projection, scale)
         rows = self._held.with_bank(bank.products, scale)
         catalogue = ScanBlock(batches, scores[:, 0] * scale, prior_of(self.groups), rows)
@@ -252,7 +255,7 @@ class Screen(Evidence):
     def sized(self, number: int) -> Array | float:
         group = self.groups[number]
         if number not in self._sized:
-            effect = group.hypothesis.one.effect(group.scale)
+            effect = self._twins.get(group.hypothesis.spot, group.hypothesis.one).effect(group.scale)
             likely = size_prior(effect, SCALES, self.fit.view, self.context)
             self._sized[number] = np.log(len(SCALES) * likely)
         return self._sized[number]
@@ -312,6 +315,43 @@ def _named(groups: list[Group], single: np.ndarray, marked: Array) -> list[Group
             for place, prior in ((law, both), (shape, -np.inf)):
                 found[place] = replace(found[place], hypothesis=replace(found[place].hypothesis, prior=prior))
     return found
+
+
+def _tied(groups: list[Group], single: np.ndarray, marked: Array) -> tuple[list[Group], dict[tuple, Candidate]]:
+    """Return the hypotheses where laws of one column are as likely as one another, and by whose size each is judged.
+
+    No reading could distinguish them. At how many places a law may be, and how large it usually is, does not either:
+    they would be named by that. Arguments are as of `_named`; a law at a place, whatever is inside it, is one of them.
+    """
+    laws = np.array([i for i, number in enumerate(single.tolist()) if groups[number].hypothesis.prior > -np.inf], int)
+    laws = laws[np.argsort(np.abs(marked[laws, 0]), kind="stable")]
+    first, squares, signs = np.abs(marked[laws, 0]), (marked[laws] ** 2).sum(axis=1), np.sign(marked[laws, :1])
+    ends = np.searchsorted(first, first + 3.0 * np.sqrt(ALMOST), side="right").tolist()
+    tied, turned = np.arange(len(laws)), marked[laws] * signs
+    for i, end in enumerate(ends):
+        apart = squares[i:end] + squares[i] - 2.0 * turned[i:end] @ turned[i]
+        near = i + np.flatnonzero(apart <= ALMOST * marked.shape[1])
+        tied[near] = np.minimum(tied[near], tied[i])
+    found, twins = groups.copy(), dict[tuple, Candidate]()
+    for number in np.flatnonzero(np.bincount(tied) > 1).tolist():
+        of_spot = dict[tuple, list[int]]()
+        for place in single[laws[tied == number]].tolist():
+            of_spot.setdefault(groups[place].hypothesis.spot, []).append(place)
+        # One that must be positive has all of it on that side.
+        each = {
+            i: groups[i].hypothesis.prior + np.log(2.0) * groups[i].hypothesis.positive
+            for places in of_spot.values()
+            for i in places
+        }
+        masses = {spot: logsumexp([each[i] for i in places]) for spot, places in of_spot.items()}
+        shared = logsumexp(list(masses.values())) - np.log(len(masses))
+        for spot, places in of_spot.items() if len(of_spot) > 1 else ():
+            twins[spot] = groups[next(iter(of_spot.values()))[0]].hypothesis.one
+            for i in places:
+                hypothesis = groups[i].hypothesis
+                prior = hypothesis.prior + float(shared - masses[spot])
+                found[i] = replace(found[i], hypothesis=replace(hypothesis, prior=prior))
+    return found, twins
 
 
 def _alone(batches: Iterable[Batch]) -> Batch | None:

@@ -56,9 +56,6 @@ MOST_COMPETING = 40
 MODELS_HELD = 64
 """Tolerance: models whose evidence is held at a time."""
 
-WIDE = 24
-"""Tolerance: columns from which on a tridiagonal form takes less time than eigenvectors."""
-
 WITHIN, GRID_ERROR, SHORT = 12.0, 0.1, 8
 """Tolerance: log odds below the best at which a hypothesis still competes; the share of what a hypothesis explains that
 it may lack because its inner values lie on a grid (a wave a sixth of a period off lacks 9 %), and how many of each
@@ -340,9 +337,8 @@ class Beside:
         axes_of = {} if self.model else block.axes
         for (numbers, places, _, signed), inside in zip(block.batches, insides, strict=True):
             score, size = scores[places], places.shape[1]
-            if size > WIDE:
-                for number, within, pull in zip(numbers.tolist(), inside, score, strict=True):
-                    odds[number] = self._likelihood_of_wide(within, pull) - here
+            if size > 1 and len(numbers) == 1:  # a family, most often: eigenvectors of its many columns take long
+                odds[numbers[0]] = self._likelihood_of_one(inside[0], score[0]) - here
                 continue
             if size == 1:
                 values, turned = np.maximum(inside[:, 0], 0.0), score
@@ -360,8 +356,8 @@ class Beside:
         self._odds[block] = odds + block.priors
         return self._odds[block]
 
-    def _likelihood_of_wide(self, inside: Array, score: Array) -> Array:
-        """Return the (T,) log likelihood with a further hypothesis of many columns at each scale.
+    def _likelihood_of_one(self, inside: Array, score: Array) -> Array:
+        """Return the (T,) log likelihood with a further hypothesis at each scale.
 
         In the basis of Lanczos that begins with the score the information is tridiagonal.
 

@@ -188,6 +188,8 @@ def test_there_is_advice_on_every_law_and_it_is_one_sentence():
         said = instead(effect(name, "J2", "ry"), effect("encoder_scale", "J2", "ry"))
         assert said[0].islower() and not set(said) & set(".;:")
     assert instead(*[effect(name, "J2", "ry") for name in ("backlash", "friction_windup")]).count("push the joint") == 1
+    softer = effect("compliance", "J2", "ry"), effect("link_flexure", "link:J2", "ry")
+    assert "target" not in instead(*softer)  # nothing is between a joint and the end of its link
 
 
 @pytest.mark.parametrize(

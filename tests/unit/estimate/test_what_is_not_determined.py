@@ -1,6 +1,7 @@
 """Why readings do not determine a parameter: nothing moves with it, another does the same, or it absorbs a misfit."""
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -85,3 +86,14 @@ def test_what_no_row_loads_and_what_another_does_as_well_is_said(found: Calibrat
     reasons = {one.name: one.reason({"instrument dy": "the tracker"}) for one in found.undetermined}
     assert reasons["compliance L rx"] == "no row loads it"
     assert reasons["tool dy"] == "can be exchanged for the tracker"
+
+
+def test_compliances_that_are_held_although_uncertain_are_said() -> None:
+    folder = Path(__file__).parents[3] / "robots" / "tarm_like"
+    arm = load_arm(folder / "arm.toml")
+    rows = read_measurements(folder / "campaign.csv", arm)
+    held = calibrate(replace(arm, prior=replace(arm.prior, compliance=0.0)), rows)
+    (flag,) = (flag for flag in held.flags if flag.code == "held")
+    most = max(flexure.law.relative_std for flexure in arm.flexures)
+    assert f"compliance = {most:g} under [prior] frees it" in flag.text
+    assert "held" not in {flag.code for flag in calibrate(arm, rows).flags}

@@ -202,3 +202,19 @@ def test_a_walk_moves_the_rows_of_its_session(curved: tuple[State, State]) -> No
         done = -0.5 * (moved[0] - moved[1])
         np.testing.assert_allclose(walk.columns(state.fit.view) @ values, done, atol=1e-4 * np.abs(done).max())
         assert not np.abs(done[state.rows >= 100]).max() and np.abs(done).max() > 1e-6
+
+
+def test_laws_that_no_reading_distinguishes_are_as_likely() -> None:
+    """A link that bends about the axis of the drive at its end is that drive's compliance; one of them is one-sided."""
+    arm, rows = six_axes.campaign(20)
+    screen = standing(begin(calibrate(arm, rows, as_stated=True))).screen
+    likely: dict[str, list[np.ndarray]] = {}
+    for number, group in enumerate(screen.groups):
+        law, place = group.hypothesis.spot
+        if law in ("compliance", "link_flexure") and len(place.terms) == 1 and place.axis in ("rx", "ry", "rz"):
+            one_sided = np.log(2.0) * group.hypothesis.positive
+            likely.setdefault(f"{place.place} {place.axis}", []).append(screen.prior(number) + one_sided)
+    pairs = [pair for pair in likely.values() if len(pair) == 2]
+    tied = [pair for pair in pairs if np.allclose(*pair, rtol=0.0, atol=1e-9)]
+    assert len(tied) >= 3
+    assert len(tied) < len(pairs)
