@@ -66,7 +66,7 @@ class MixedModel:
 
     def among(self, places: np.ndarray) -> Array:
         """Return the (k, k) products of some columns with one another, held of the last that were asked."""
-        if not np.array_equal(self._held.get("places"), places):
+        if not self._held or not np.array_equal(self._held["places"], places):
             self._held["places"], self._held["gram"] = places, self.gram.take(places, 0).take(places, 1)
         return self._held["gram"]
 
