@@ -389,8 +389,8 @@ def fitted_to(
 
 def _held(arm: Arm) -> Iterator[Flag]:
     """Yield the flag about compliances that are uncertain as declared, and that [prior] leaves as they are."""
-    laws = {flexure.name: flexure.law for flexure in arm.flexures if flexure.learn is None and flexure.law.relative_std}
-    held = {name: law.relative_std for name, law in laws.items() if law.freed(anywhere(arm.robot))}
+    row, declared = anywhere(arm.robot), [flexure for flexure in arm.flexures if flexure.learn is None]
+    held = {each.name: each.law.relative_std for each in declared if each.law.relative_std and each.law.freed(row)}
     if held and not arm.prior.compliance:
         most = max(held.values())
         text = (

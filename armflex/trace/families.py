@@ -271,9 +271,8 @@ class Kinds:
         score = self.columns.T @ projection.residual
         square = projection.objective + projection.freedom * LEAST_SCATTER**2
         model = MixedModel(gram, score, square, projection.freedom, self.variances, LEAST_INFORMED)
-        return Sized(
-            self, projection, model, model.at(np.array([near.ratios.get(part, 0.0) for part in self.components]))
-        )
+        ratios = np.array([near.ratios.get(part, 0.0) for part in self.components])
+        return Sized(self, projection, model, model.at(ratios))
 
     def _with_constants(self, projection: Projection) -> Projection:
         view = self.fit.view

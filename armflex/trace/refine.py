@@ -48,9 +48,8 @@ def refine(beside: Beside, near: Sequence[Rival]) -> None:
     on_grid = [group.hypothesis for group in screen.groups[: len(odds)]]
 
     def likeliest(spot: tuple, most: int) -> list[Hypothesis]:
-        at_spot = [
-            i for i, each in enumerate(on_grid) if each.spot == spot and each.prior > -np.inf
-        ]  # slopes have none
+        # Slopes have no prior.
+        at_spot = [i for i, each in enumerate(on_grid) if each.spot == spot and each.prior > -np.inf]
         return [on_grid[i] for i in sorted(at_spot, key=lambda i: -odds[i])[:most]]
 
     def best(starts: Sequence[Hypothesis], tau: float) -> list[Hypothesis]:

@@ -93,8 +93,9 @@ class Screen(Evidence):
             left, at = alone.inside[:, 0, 0], alone.places[:, 0]
             visible = left > ALMOST * self.unit
             marked = marked[at] * scale[at, None] / np.sqrt(np.where(visible, left, 1.0))[:, None]
-            self.groups = _named(self.groups, alone.numbers[visible], marked[visible])
-            self.groups, self._twins = _tied(self.groups, alone.numbers[visible], marked[visible])
+            order = np.flatnonzero(visible)[np.argsort(np.abs(marked[visible, 0]), kind="stable")]
+            single, pairs = alone.numbers[order], _alike(marked[order])
+            self.groups, self._twins = _tied(_named(self.groups, single, pairs), single, pairs)
         self._held = Columns(bank, projection, scale)
         rows = self._held.with_bank(bank.products, scale)
         catalogue = ScanBlock(batches, scores[:, 0] * scale, prior_of(self.groups), rows)
@@ -292,58 +293,62 @@ def _moving(groups: list[Group]) -> tuple[list[Group], list[Hypothesis]]:
     return kept, list(acting.values())
 
 
-def _named(groups: list[Group], single: np.ndarray, marked: Array) -> list[Group]:
+def _alike(marked: Array) -> np.ndarray:
+    """Return the (2, p) pairs of (g, m) columns that no reading could distinguish, the first before the second.
+
+    Columns are known by their products with random vectors, of what the projection leaves of them, of length 1, and are
+    in the order of the size of their first product.
+    """
+    first, squares, pairs = np.abs(marked[:, 0]), (marked**2).sum(axis=1), [np.empty((2, 0), dtype=int)]
+    ends = np.searchsorted(first, first + 3.0 * np.sqrt(ALMOST), side="right").tolist()
+    for i, end in enumerate(ends):
+        apart = squares[i + 1 : end] + squares[i] - 2.0 * np.abs(marked[i + 1 : end] @ marked[i])
+        near = i + 1 + np.flatnonzero(apart <= ALMOST * marked.shape[1])
+        pairs.append(np.array([np.full(len(near), i), near]))
+    return np.hstack(pairs)
+
+
+def _named(groups: list[Group], single: np.ndarray, pairs: np.ndarray) -> list[Group]:
     """Return the hypotheses where a free shape that has the column of a law of the catalogue is that law.
 
-    No reading could distinguish them, and what a law describes is not unnamed: the law has the prior of both. Those
-    with (g,) `single` columns that are seen are compared by (g, m) products with random vectors of what the projection
-    leaves of them, of length 1.
+    What a law describes is not unnamed: the law has the prior of both. Of those with (g,) `single` columns the (2, p)
+    `pairs` are alike.
     """
     physical = np.array([groups[i].hypothesis.one.law.physical for i in single.tolist()], dtype=bool)
-    laws, free = np.flatnonzero(physical), np.flatnonzero(~physical)
-    first, squares = np.abs(marked[:, 0]), (marked**2).sum(axis=1)
-    laws = laws[np.argsort(first[laws])]
-    ends = np.searchsorted(first[laws], first[free, None] + 3.0 * np.sqrt(ALMOST) * np.array([-1.0, 1.0]))
-    found = groups.copy()
-    for i, (a, b) in zip(free.tolist(), ends.tolist(), strict=True):
-        near = laws[a:b]
-        apart = squares[near] + squares[i] - 2.0 * np.abs(marked[near] @ marked[i])
-        alike = single[near[apart <= ALMOST * marked.shape[1]]].tolist()
-        if alike:
-            law, shape = max(alike, key=lambda one: found[one].hypothesis.prior), int(single[i])
-            both = float(np.logaddexp(found[law].hypothesis.prior, groups[shape].hypothesis.prior))
-            for place, prior in ((law, both), (shape, -np.inf)):
-                found[place] = replace(found[place], hypothesis=replace(found[place].hypothesis, prior=prior))
+    alike, found = dict[int, list[int]](), groups.copy()
+    for pair in pairs[:, physical[pairs[0]] != physical[pairs[1]]].T.tolist():
+        shape, law = sorted(pair, key=lambda i: bool(physical[i]))
+        alike.setdefault(int(single[shape]), []).append(int(single[law]))
+    for shape, laws in sorted(alike.items()):
+        law = max(laws, key=lambda number: found[number].hypothesis.prior)
+        both = float(np.logaddexp(found[law].hypothesis.prior, groups[shape].hypothesis.prior))
+        for place, prior in ((law, both), (shape, -np.inf)):
+            found[place] = replace(found[place], hypothesis=replace(found[place].hypothesis, prior=prior))
     return found
 
 
-def _tied(groups: list[Group], single: np.ndarray, marked: Array) -> tuple[list[Group], dict[tuple, Candidate]]:
+def _tied(groups: list[Group], single: np.ndarray, pairs: np.ndarray) -> tuple[list[Group], dict[tuple, Candidate]]:
     """Return the hypotheses where laws of one column are as likely as one another, and by whose size each is judged.
 
-    No reading could distinguish them. At how many places a law may be, and how large it usually is, does not either:
-    they would be named by that. Arguments are as of `_named`; a law at a place, whatever is inside it, is one of them.
+    At how many places a law may be, and how large it usually is, distinguishes none of them: they would be named by
+    that. Arguments are as of `_named`; a law at a place, whatever is inside it, is one of them.
     """
-    laws = np.array([i for i, number in enumerate(single.tolist()) if groups[number].hypothesis.prior > -np.inf], int)
-    laws = laws[np.argsort(np.abs(marked[laws, 0]), kind="stable")]
-    first, squares, signs = np.abs(marked[laws, 0]), (marked[laws] ** 2).sum(axis=1), np.sign(marked[laws, :1])
-    ends = np.searchsorted(first, first + 3.0 * np.sqrt(ALMOST), side="right").tolist()
-    tied, turned = np.arange(len(laws)), marked[laws] * signs
-    for i, end in enumerate(ends):
-        apart = squares[i:end] + squares[i] - 2.0 * turned[i:end] @ turned[i]
-        near = i + np.flatnonzero(apart <= ALMOST * marked.shape[1])
-        tied[near] = np.minimum(tied[near], tied[i])
-    found, twins = groups.copy(), dict[tuple, Candidate]()
-    for number in np.flatnonzero(np.bincount(tied) > 1).tolist():
+    from scipy.sparse import coo_array  # not needed to import the package
+    from scipy.sparse.csgraph import connected_components
+
+    possible = np.array([groups[i].hypothesis.prior > -np.inf for i in single.tolist()], dtype=bool)
+    pairs, found, twins = pairs[:, possible[pairs].all(axis=0)], groups.copy(), dict[tuple, Candidate]()
+    edges = coo_array((np.ones(pairs.shape[1]), pairs), shape=(len(single), len(single)))
+    _, tied = connected_components(edges, directed=False)
+    for number in np.unique(tied[pairs[0]]).tolist():
         of_spot = dict[tuple, list[int]]()
-        for place in single[laws[tied == number]].tolist():
+        for place in single[tied == number].tolist():
             of_spot.setdefault(groups[place].hypothesis.spot, []).append(place)
         # One that must be positive has all of it on that side.
-        each = {
-            i: groups[i].hypothesis.prior + np.log(2.0) * groups[i].hypothesis.positive
-            for places in of_spot.values()
-            for i in places
+        masses = {
+            spot: logsumexp([groups[i].hypothesis.prior + np.log(2.0) * groups[i].hypothesis.positive for i in places])
+            for spot, places in of_spot.items()
         }
-        masses = {spot: logsumexp([each[i] for i in places]) for spot, places in of_spot.items()}
         shared = logsumexp(list(masses.values())) - np.log(len(masses))
         for spot, places in of_spot.items() if len(of_spot) > 1 else ():
             twins[spot] = groups[next(iter(of_spot.values()))[0]].hypothesis.one

@@ -297,7 +297,7 @@ def with_random(state: State, random: PoseBlock | None) -> State:
     return refit(state, state.effects, random, np.concatenate([start, added]))
 
 
-def resized(state: State, effort: Effort = ROUGH) -> State:
+def resized(state: State, effort: Effort) -> State:
     """Return the state with the families that the evidence has beside its effects, and their sizes; see `Background`.
 
     Raises:
