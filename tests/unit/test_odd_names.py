@@ -200,7 +200,7 @@ def test_check_compensate_and_predict(field: Path, tmp_path: Path) -> None:
     said = done("compensate", field / "arm.toml", field / "path.csv", "-o", tmp_path / "c.csv")
     assert all(name in said for name in PAYLOADS) and FORMULA in (tmp_path / "c.csv").read_text()
     said = done("predict", field / "arm.toml", field / "rows.csv", "-o", tmp_path / "p.csv")
-    assert f"base {LINKS[0]}, tip {LINKS[-1]}" in " ".join(said.split())
+    assert f"(tip {LINKS[-1]}, base frame {LINKS[0]})" in " ".join(said.split())
 
 
 def test_calibrate_and_what_it_wrote(field: Path, tmp_path: Path) -> None:

@@ -191,7 +191,7 @@ def test_three_files_of_metrology_come_to_a_sheet(tmp_path: Path) -> None:
     assert not (tmp_path / "rows.csv").exists()
     fine(run_here(tmp_path, *asked, "--dh", "standard"))
     out = fine(run_here(tmp_path, "calibrate", "arm.toml", "rows.csv", "-o", "fit.toml"))
-    named = out.stdout + out.stderr
+    named = " ".join((out.stdout + out.stderr).split())
     assert all(f"rows.csv:{line}" in named for line in (22, 42, 43))
     assert "exchanged with the reading of line 43" in named
     fine(run_here(tmp_path, "export", "fit.toml", "--to", "sheet", "-o", "sheet.csv"))
