@@ -24,6 +24,7 @@ import armflex.rows
 from support.campaign_files import ARMS, declared_text, write_clean, write_rows
 from support.plant import Array, Plant, Rows, State, apply, pose, turn
 from support.undeclared import REFERENCE, Context, Effect, Nudged, Redraw
+from support.undeclared_beyond import BEYOND
 from support.undeclared_outside import CATALOGUE, LAGGING, UNNAMED, Maker
 
 KINDS = tuple(CATALOGUE)
@@ -172,7 +173,7 @@ def draw(kind: str, seed: int, arm: str = "boom", size: float = 1.0, spare: int 
     """Draw a campaign.
 
     Args:
-        kind: One of KINDS, LAGGED, OUTSIDE, NULLS, SEVERAL, or "two".
+        kind: One of KINDS, LAGGED, OUTSIDE, NULLS, SEVERAL, "two", or of `BEYOND`.
         seed: The same seed gives the same campaign; another kind gives other poses, errors and noise as well.
         arm: "boom" or "six".
         size: Factor on the size of the effect.
@@ -240,7 +241,7 @@ def hide(
 ) -> tuple[Effect, float]:
     """Draw one effect and scale it until it alone moves the readings by the RMS wanted; return that, too."""
     name, _, lag = kind.partition(" ")
-    maker = (CATALOGUE | UNNAMED)[name]
+    maker = (CATALOGUE | UNNAMED | BEYOND)[name]
     context = replace(context, lagging=bool(lag))
     for _ in range(60):
         wanted = size * context.log(*between)
