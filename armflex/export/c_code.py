@@ -15,11 +15,12 @@ from armflex.arm import Arm, Flexure
 from armflex.conventions import Array
 from armflex.errors import ArmflexError, UnsupportedError
 from armflex.export import Exported
-from armflex.export.c_text import c_arms, c_head, c_limits, c_names, c_real, c_whole, check_name
+from armflex.export.c_text import c_arms, c_head, c_limits, c_names, c_number, c_real, c_table, c_whole, check_name
 from armflex.export.rigid import measured_points, said_points
 from armflex.laws import Law, LinearLaw
 from armflex.laws.effects.effect import Act
 from armflex.laws.effects.in_arm import BoundTwist, Pulling, about_time, depended_on
+from armflex.laws.effects.location import resolve
 from armflex.laws.effects.shapes import middle_of
 from armflex.laws.effects.umbilical import hook_of
 from armflex.laws.row import MASS
@@ -73,14 +74,15 @@ def export(arm: Arm, name: str = "arm") -> Exported:
     bounds = [one.stability_bound for one in loaded]
     proven = [bound is not None and bound.proven for bound in bounds]
     unproven = [] if tied else [one for one, sure in zip(payloads, proven, strict=True) if not sure]
-    state = 1 + tree.driven + p if p else 0
+    closed, plays = 1 + tree.driven + p if p else 0, _plays(arm, factors.names)
+    state, remembering = closed + len(plays), 2 * known + 2 * len(plays)
     if tied:
         room = _room(tree, laws.compliance[0], factors.varies) + 1
-        stack = 8 * (room + 58 * n + 3 * p + 2 * m * m + m + tree.driven + known + 86) + BESIDE["loops"]
+        stack = 8 * (room + 58 * n + 3 * p + 2 * m * m + m + tree.driven + remembering + 86) + BESIDE["loops"]
         compensate = stack + 8 * (30 * tree.driven + 60)
     else:
         room = 91 * n + len(laws.bent) + len(factors.factor) + 9 * len(pulls) + 2
-        stack = 8 * (room + nq + known + 12 * n + 120) + BESIDE["chain"]
+        stack = 8 * (room + nq + remembering + 12 * n + 120) + BESIDE["chain"]
         stack += 8 * (36 * n * n + 450 * n + 120) if unproven else 0
         compensate = stack + 8 * ((6 * nq + 12) * n + 20 * nq + 60)
     counts = {
@@ -91,6 +93,8 @@ def export(arm: Arm, name: str = "arm") -> Exported:
         "PASSIVE": (p, "joints without a drive"),
         "FLEXURES": (n, "flexures"),
         "ROWS": (m, "rows that ties close"),
+        "STANDING": (closed, "numbers that say where loops closed"),
+        "PLAYS": (len(plays), "flexures that remember a load"),
         "STATE": (state, "numbers that are carried from call to call"),
         "ROOM": (room, "numbers that are worked with"),
     }
@@ -118,6 +122,16 @@ def export(arm: Arm, name: str = "arm") -> Exported:
         c_names(f"{name}_covariate_names", factors.names),
         f"double {name}_covariates[{max(1, known)}] = {{{', '.join(['NAN'] * known) or '0.0'}}};",
         c_limits(arm, "drive"),
+        c_table(
+            "whole remembered[PLAYS + 1][2]",
+            "covariate that each remembered load is, and flexure",
+            [f"{{{covariate}, {flexure}}}," for covariate, flexure, _ in plays] or ["{0, 0},"],
+        ),
+        c_table(
+            "double plays_of[PLAYS + 1][7]",
+            "along what, and the radius [N or Nm]",
+            [f"{c_number(play)}," for *_, play in plays] or ["{0.0},"],
+        ),
         c_real("masses", "of the payloads [kg]", np.array([arm.payload(one).mass for one in payloads])),
         *constants,
         *c_arms("arms", described),
@@ -125,7 +139,7 @@ def export(arm: Arm, name: str = "arm") -> Exported:
     ]
     beside = f"Stack: {name}_tip and {name}_follow take up to {stack} bytes, {name}_compensate up to {compensate}."
     lines = [line.replace("NAME", name) for line in BOUNDS["loops" if tied else "chain"]] + [beside]
-    lines[-1:-1] = NEWTON if unproven else ()
+    lines[-1:-1] = (*(NEWTON if unproven else ()), *((REMEMBERING,) if plays else ()))
     functions = f"{name}_tip, {name}_follow and {name}_compensate"
     own = ("LOOPS",) if tied else ("CHAIN",) if unproven else ("CHAIN", "PROVEN")
     texts = ("controller", "loops" if tied else "chain")  # renamed before the arm's names come in, which may be any
@@ -142,7 +156,10 @@ def export(arm: Arm, name: str = "arm") -> Exported:
         text = text.replace(mark, part)
     notes = [f"{arm.robot.urdf.name} as C, payloads {', '.join(payloads)}"]
     notes += [f"{name}_follow carries {state} numbers from call to call"] if state else []
-    notes += [f"set {name}_covariates before you ask: {', '.join(factors.names)}"] if known else []
+    carried = [factors.names[covariate] for covariate, *_ in plays]
+    outer = [column for column in factors.names if column not in carried]
+    notes += [f"set {name}_covariates before you ask: {', '.join(outer)}"] if outer else []
+    notes += [f"{name}_follow carries what flexures remember, unless you set it: {', '.join(carried)}"] if plays else []
     notes += [
         f"payload {one!r}: no bound proves that the arm cannot buckle; every answer is probed" for one in unproven
     ]
@@ -176,6 +193,8 @@ NEWTON = (
     "it weighs MOST_NEWTON (6 FLEXURES + MOST_HALVINGS + 2) times at most, 4 (6 FLEXURES + 3) usually.",
 )
 
+REMEMBERING = "Flexures remember their loads: the arm comes to rest twice in a call."
+
 
 def _described(
     tree: Tree,
@@ -194,6 +213,20 @@ def _described(
     tables.set_pulls(pulling.reshape(-1, 6))
     tables.set_windows(windowed, windows.reshape(-1, 79))
     return tables
+
+
+def _plays(arm: Arm, names: Sequence[str]) -> list[tuple[int, int, Array]]:
+    """Return of every effect that remembers a load its covariate and flexure by number, and direction and radius."""
+    number = {law.effect: i for i, law in arm.stack.parts if isinstance(law, BoundTwist)}
+    remembering = (one for one in arm.effects if one.law.remembers_load(one.location) and one.state in names)
+    return [
+        (
+            names.index(one.state),
+            number[one],
+            np.append(resolve(one.location, arm.robot, arm.flexures).direction, one.inner),
+        )
+        for one in remembering
+    ]
 
 
 def _refuse_curved(arm: Arm, laws: Laws) -> None:

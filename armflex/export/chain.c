@@ -276,6 +276,12 @@ static int rest_at(manipulator *m, const double *from, const double *q)
     return code;
 }
 
+/* Return the load on a flexure where it rests. */
+static const double *load_at(const manipulator *m, whole flexure)
+{
+    return m->s.f[flexure].load;
+}
+
 /* Return whether the arm would stay where it rests: a small disturbance must shrink. It is turned by every probe to the
  * direction that shrinks least. Where the weight can never soften the arm so much, nothing need be tried. */
 static int stays(manipulator *m)

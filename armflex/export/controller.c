@@ -11,7 +11,8 @@ extern const char *const NAME_joints[];          /* names of the drives, the ord
 extern const char *const NAME_passive[];         /* of the joints without a drive */
 extern const char *const NAME_payloads[];        /* names of the payloads, by their numbers; NULL at the end */
 extern const char *const NAME_covariate_names[]; /* what the laws depend on beside q and the payload; NULL at the end */
-extern double NAME_covariates[];                 /* their values, SI and degrees Celsius: NaN until you set them */
+extern double NAME_covariates[];                 /* their values, SI and degrees Celsius: NaN until you set them; what
+                                                  * flexures remember may stay NaN, see NAME_follow */
 
 int NAME_tip(const double *q, int payload, double *pose);
 int NAME_follow(const double *q, int payload, double *state, double *pose);
@@ -32,20 +33,32 @@ enum {
 
 /*@constants*/
 static const double LARGEST = 1000.0, BEYOND = 1e-9; /* of a position; beyond its limits by rounding alone */
+static const double LARGEST_LOAD = 1e12;             /* N or Nm, that a flexure remembers */
 static const double LARGEST_CHANGE = 0.5;            /* rad or m, of a joint by NAME_compensate */
 static const double REACHED = 1e-11;                 /* m, of each coordinate of the tip */
 static const double SETTLED = 1e-8;                  /* rad or m, of the last change of the joints */
 static const double DAMPING = 1e-14;                 /* m^2, of the tip's Jacobian times its transpose */
 enum { MOST_JUMPS = 20, MOST_AIMS = 15, WHOLE_AIMS = 5 };
 
+/* Return whether what a flexure remembers is not set from outside: only NaN is not itself. */
+static int is_carried(int play)
+{
+    double value = NAME_covariates[remembered[play][0]];
+    return !((value <= 0.0) || (value > 0.0));
+}
+
 /* Return a code for arguments that cannot be answered. */
 static int check(const double *q, int payload)
 {
+    int covariate[COVARIATES + 1] = {0}; /* whether it may be NaN */
     if ((payload < 0) || (payload >= PAYLOADS)) {
         return NO_PAYLOAD;
     }
+    for (int i = 0; i < PLAYS; i++) {
+        covariate[remembered[i][0]] = is_carried(i);
+    }
     for (int i = 0; i < COVARIATES; i++) {
-        if (!(fabs(NAME_covariates[i]) < HUGE_VAL)) {
+        if (!(fabs(NAME_covariates[i]) < HUGE_VAL) && (covariate[i] == 0)) {
             return NOT_FINITE;
         }
     }
@@ -170,36 +183,73 @@ static void describe(manipulator *m, int payload)
     begin(m);
 }
 
+/* Bring the arm to rest with what its flexures remember: each drags along the load at its place, as that is without
+ * what is remembered, once it is a radius away. `plays` is what they remembered before, and is what they do then. */
+static int rest_remembering(manipulator *m, const double *from, const double *q, double *plays)
+{
+    int code, carried = 0;
+    for (int i = 0; i < PLAYS; i++) {
+        if (is_carried(i)) {
+            m->known[1 + remembered[i][0]] = 0.0;
+            carried = 1;
+        }
+    }
+    code = rest_at(m, from, q);
+    if ((code != FINE) || (carried == 0)) {
+        return code;
+    }
+    for (int i = 0; i < PLAYS; i++) {
+        if (is_carried(i)) {
+            const double *wrench = load_at(m, remembered[i][1]);
+            double load = 0.0;
+            for (int a = 0; a < 6; a++) {
+                load += plays_of[i][a] * wrench[a];
+            }
+            plays[i] = fmin(fmax(plays[i], load - plays_of[i][6]), load + plays_of[i][6]);
+            m->known[1 + remembered[i][0]] = plays[i];
+        }
+    }
+    return rest_at(m, q, q);
+}
+
 /* Write where the flexed arm's tip is at positions q of the drives under a payload.
  *
  * q: NAME_nq numbers [rad or m], in the order of NAME_joints. payload: its place in NAME_payloads.
- * state: NAME_nstate numbers: whether it was asked before, the drives and the joints without one then; all 0 to begin
- * from each passive joint's q0. Written when it returns 0. A chain carries nothing: it may be NULL.
+ * state: NAME_nstate numbers: of an arm with loops whether it was asked before, the drives and the joints without one
+ * then; and what flexures remember, but for what is set among the covariates. All 0 to begin from each passive joint's
+ * q0, unloaded. Written when it returns 0. Where NAME_nstate is 0 it may be NULL.
  * pose: 12 numbers, rotation and origin [m] in the base frame as a 3 x 4 matrix row by row.
  * Returns 0, or one of the codes above; state and pose are then untouched. */
 int NAME_follow(const double *q, int payload, double *state, double *pose)
 {
     manipulator m;
     const double *from = NULL;
+    double plays[PLAYS + 1];
     int code = check(q, payload);
     for (int i = 0; (i < STATE) && (code == FINE); i++) {
-        code = (fabs(state[i]) <= LARGEST) ? FINE : NOT_FINITE;
+        code = (fabs(state[i]) <= ((i < STANDING) ? LARGEST : LARGEST_LOAD)) ? FINE : NOT_FINITE;
     }
     if (code != FINE) {
         return code;
     }
     describe(&m, payload);
-    if ((STATE > 0) && (state[0] != 0.0)) {
+    if ((STANDING > 0) && (state[0] != 0.0)) {
         from = state + 1;
         memcpy(m.passive, state + 1 + JOINTS, PASSIVE * sizeof *state);
     }
-    code = rest_at(&m, from, q);
+    for (int i = 0; i < PLAYS; i++) {
+        plays[i] = state[STANDING + i];
+    }
+    code = rest_remembering(&m, from, q, plays);
     if (code == FINE) {
         code = stays(&m);
     }
     if (code == FINE) {
         flexed_tip(&m, pose);
-        if (STATE > 0) {
+        for (int i = 0; i < PLAYS; i++) {
+            state[STANDING + i] = plays[i];
+        }
+        if (STANDING > 0) {
             state[0] = 1.0;
             memcpy(state + 1, q, JOINTS * sizeof *state);
             memcpy(state + 1 + JOINTS, m.passive, PASSIVE * sizeof *state);
@@ -208,7 +258,7 @@ int NAME_follow(const double *q, int payload, double *state, double *pose)
     return code;
 }
 
-/* The same without a state: from each passive joint's q0. */
+/* The same without a state: from each passive joint's q0, and each load put on once, from nothing. */
 int NAME_tip(const double *q, int payload, double *pose)
 {
     double state[STATE + 1] = {0.0};
@@ -239,10 +289,11 @@ int NAME_compensate(const double *q, int payload, double *out)
     }
     describe(&m, payload);
     for (int jump = 0; jump <= MOST_JUMPS; jump++) {
+        double plays[PLAYS + 1] = {0.0};
         for (int j = 0; j < JOINTS; j++) {
             at[j] = q[j] + change[j];
         }
-        code = rest_at(&m, (jump > 0) ? before : NULL, at);
+        code = rest_remembering(&m, (jump > 0) ? before : NULL, at, plays);
         if (code != FINE) {
             return code;
         }

@@ -117,6 +117,12 @@ static int rest_at(manipulator *m, const double *from, const double *q)
     return (engine_rest(&m->table, 1, q, 1, 0, start, m->idle, &found, m->room) == 1) ? FINE : NO_EQUILIBRIUM;
 }
 
+/* Return the load on a flexure where it rests. */
+static const double *load_at(const manipulator *m, whole flexure)
+{
+    return m->loads + 6 * flexure;
+}
+
 /* The engine answers for what it has proven alone. */
 static int stays(const manipulator *m)
 {

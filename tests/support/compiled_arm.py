@@ -33,9 +33,9 @@ class CompiledArm:
     covariates: list[str]
 
     def know(self, known: Mapping[str, float]) -> None:
-        """Set the covariates that it asks for."""
+        """Set the covariates that it asks for; what is not known is NaN."""
         values = (ctypes.c_double * len(self.covariates)).in_dll(self.library, "arm_covariates")
-        values[:] = [known[name] for name in self.covariates]
+        values[:] = [known.get(name, np.nan) for name in self.covariates]
 
     def tips(self, q: np.ndarray, payload: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return (N,) codes and (N, 3, 4) poses of the tip at (N, nq) positions; NaN where C wrote nothing."""

@@ -21,11 +21,13 @@ from support.small_arms import LIMIT, ROBOTS, arm_of, joint, link, one_joint, ra
 from support.structures import nonlinear
 
 from armflex import Arm, Payload, Trajectory, compensate, load_arm
+from armflex.conventions import TWIST_NAMES
 from armflex.errors import InputError, SmallDisplacementError, UnstableEquilibriumError, UnsupportedError
 from armflex.export.c_code import export
 from armflex.export.c_text import KEYWORDS
 from armflex.laws import AtNode, Law, LinearLaw, PositionDependentLaw
 from armflex.laws.effects import Effect, Location
+from armflex.laws.effects.candidate import Candidate
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.joint.carried import ScaledLaw
 from armflex.laws.joint.hardening import HardeningLaw
@@ -130,6 +132,42 @@ def test_every_effect_at_once(tmp_path: Path) -> None:
         without = dataclasses.replace(arm, effects=tuple(one for one in effects if one is not effect))
         off = np.abs(without.deflection(q, names, covariates=STATES).displacement - there)
         assert off.max() > 100.0 * CLOSE, effect.name
+
+
+@pytest.mark.parametrize(("name", "joints"), [("tarm_like", ("A1", "A2")), ("palletizer", ("lower", "upper"))])
+def test_what_flexures_remember_is_carried(name: str, joints: tuple[str, str], tmp_path: Path) -> None:
+    """Loads are put on from nothing by a call alone, and dragged along from call to call; what is set is taken."""
+    plain_arm = bundled(name)
+    sites = [(joints[0], "ry", 60.0, 4e-7), (joints[1], "rx", 30.0, 3e-7)]
+    effects = [
+        Candidate(EVERY["hysteresis"], Location(site, axis), (radius,)).effect(np.array([gain]))
+        for site, axis, radius, gain in sites
+    ]
+    arm = dataclasses.replace(plain_arm, effects=tuple(effects))
+    code = compiled(arm, tmp_path)
+    assert set(code.covariates) == {effect.state for effect in effects}
+    q, number, names = rows(arm, code, 40)
+    code.know({})
+    codes, poses = code.tips(q, number)
+    alone = np.asarray(arm.deflection(q, names).pose)[:, :3]
+    assert not codes.any()
+    np.testing.assert_allclose(poses, alone, rtol=0, atol=1e-12)
+    loads, states = plain_arm.deflection(q, names).wrenches, {}
+    for effect, (site, axis, radius, _) in zip(effects, sites, strict=True):
+        load, state = loads[:, plain_arm.flexure_names.index(site), TWIST_NAMES.index(axis)], 0.0
+        states[str(effect.state)] = np.array([state := min(max(state, x - radius), x + radius) for x in load])
+    along = np.asarray(arm.deflection(q, names, covariates=states).pose)[:, :3]
+    codes, poses = code.followed(q, number)
+    assert not codes.any() and np.abs(along - alone).max() > 1e-6
+    np.testing.assert_allclose(poses, along, rtol=0, atol=1e-12)
+    code.know({name: values[7] for name, values in states.items()})
+    np.testing.assert_allclose(code.tips(q[7:8], number[7:8])[1][0], along[7], rtol=0, atol=1e-12)
+    code.know({})
+    codes, held = code.compensated(q, number)
+    goal = np.array([arm.rigid_pose(row).translation for row in q])
+    at = np.asarray(arm.deflection(held[codes == FINE], list(np.array(names)[codes == FINE])).pose)[:, :3, 3]
+    assert (codes == FINE).mean() > 0.5
+    np.testing.assert_allclose(at, goal[codes == FINE], rtol=0, atol=CLOSE)
 
 
 def test_effects_of_two_columns_and_of_other_laws_than_straight_ones(tmp_path: Path) -> None:
