@@ -24,6 +24,7 @@ from armflex.laws.effects.effect import EffectLaw, Search, Values
 from armflex.laws.effects.hysteresis import HYSTERESIS
 from armflex.laws.effects.location import LINK, Location, drive_axis
 from armflex.laws.effects.shapes import ABOVE
+from armflex.laws.effects.slip_step import SLIP_STEP
 from armflex.laws.effects.unnamed import LINE
 
 EFFECTS = 2.0
@@ -44,7 +45,8 @@ what follows a temperature follows it at once, as far as readings show: a lag ha
 
 ODD_PLACE = 0.3
 """Prior: how much rarer an effect is at an odd place: lost motion in translation across a drive, as bearings are
-preloaded, and a shape over a joint's position that does not act at that joint."""
+preloaded, a slip along any other axis than the drive's, and a shape over a joint's position that does not act at that
+joint."""
 
 LOST_MOTION = (DEADBAND, HYSTERESIS)
 """Laws of it that act on any axis of a joint."""
@@ -57,10 +59,12 @@ class Hypothesis:
     Attributes:
         one: Which.
         prior: Log of the number of such effects that is expected of a machine.
+        odd: What of that is because it is at an odd place, 0 where it is not.
     """
 
     one: Candidate
     prior: float
+    odd: float = 0.0
 
     @property
     def title(self) -> str:
@@ -122,9 +126,10 @@ def hypotheses(context: Context) -> list[Hypothesis]:
         beside = values[spot, one.location.terms]
         prior = laws[one.law.name] - log(places[one.law.name]) - PLAINER * one.location.site.startswith(LINK)
         prior += log(RARE_VALUE) * _rare(one, beside, context)
-        if one.law in LOST_MOTION and not one.location.turns and one.location.axis != drives.get(one.location.site):
-            prior += log(ODD_PLACE)
-        found.append(Hypothesis(one, prior + oddness(one) - log(len(terms[spot]) * len(beside))))
+        odd, across = oddness(one), one.location.axis != drives.get(one.location.site)
+        if across and (one.law is SLIP_STEP or (one.law in LOST_MOTION and not one.location.turns)):
+            odd += log(ODD_PLACE)
+        found.append(Hypothesis(one, prior + odd - log(len(terms[spot]) * len(beside)), odd))
     return found
 
 
@@ -165,4 +170,5 @@ def sought(law: EffectLaw, locations: Iterable[Location], context: Context) -> I
         inners, acting = list(grid(law, location, context)), replace(location, terms=tuple(range(len(law.amplitudes))))
         for inner in inners:
             one = Candidate(law, acting, inner)
-            yield Hypothesis(one, _of_law(law) + oddness(one) - log(places * len(inners)))
+            odd = oddness(one)
+            yield Hypothesis(one, _of_law(law) + odd - log(places * len(inners)), odd)

@@ -153,8 +153,8 @@ def _elsewhere(screen: Screen, model: Model) -> list[Hypothesis]:
         for place in places_of(law, screen.context) if law.search is Search.RESIDUAL else ():
             moved = replace(shape.one, location=place)
             if place.covariates == covariates and moved not in held:
-                prior = shape.prior + oddness(moved) - oddness(shape.one)
-                elsewhere.append(replace(shape, one=moved, prior=prior))
+                odd = oddness(moved)
+                elsewhere.append(replace(shape, one=moved, prior=shape.prior + odd - shape.odd, odd=odd))
     return elsewhere
 
 

@@ -331,7 +331,7 @@ def _tied(groups: list[Group], single: np.ndarray, pairs: np.ndarray) -> tuple[l
     """Return the hypotheses where laws of one column are as likely as one another, and by whose size each is judged.
 
     At how many places a law may be, and how large it usually is, distinguishes none of them: they would be named by
-    that. Arguments are as of `_named`; a law at a place, whatever is inside it, is one of them.
+    that. An odd place does. Arguments are as of `_named`; a law at a place, whatever is inside it, is one of them.
     """
     from scipy.sparse import coo_array  # not needed to import the package
     from scipy.sparse.csgraph import connected_components
@@ -349,12 +349,13 @@ def _tied(groups: list[Group], single: np.ndarray, pairs: np.ndarray) -> tuple[l
             spot: logsumexp([groups[i].hypothesis.prior + np.log(2.0) * groups[i].hypothesis.positive for i in places])
             for spot, places in of_spot.items()
         }
-        shared = logsumexp(list(masses.values())) - np.log(len(masses))
+        odds = {spot: max(groups[i].hypothesis.odd for i in places) for spot, places in of_spot.items()}
+        shared = logsumexp(list(masses.values())) - logsumexp(list(odds.values()))
         for spot, places in of_spot.items() if len(of_spot) > 1 else ():
             twins[spot] = groups[next(iter(of_spot.values()))[0]].hypothesis.one
             for i in places:
                 hypothesis = groups[i].hypothesis
-                prior = hypothesis.prior + float(shared - masses[spot])
+                prior = hypothesis.prior + float(shared + odds[spot] - masses[spot])
                 found[i] = replace(found[i], hypothesis=replace(hypothesis, prior=prior))
     return found, twins
 

@@ -21,6 +21,7 @@ from armflex.laws.effects.effect import Effect, full
 from armflex.laws.effects.location import Location
 from armflex.measured.measurements import Measurements
 from armflex.readings import Readings
+from armflex.trace.hypotheses import ODD_PLACE
 from armflex.trace.projection import Projection
 from armflex.trace.search import linear, standing, with_families
 from armflex.trace.selection import Chosen
@@ -218,3 +219,17 @@ def test_laws_that_no_reading_distinguishes_are_as_likely() -> None:
     tied = [pair for pair in pairs if np.allclose(*pair, rtol=0.0, atol=1e-9)]
     assert len(tied) >= 3
     assert len(tied) < len(pairs)
+
+
+def test_a_slip_that_may_be_along_another_axis_is_likelier_one_of_the_drive() -> None:
+    """Also where no reading distinguishes the two: a turn of a wrist moves its one target along a line."""
+    arm, rows = six_axes.campaign(20)
+    screen = standing(begin(calibrate(arm, rows, as_stated=True))).screen
+    likely = dict[str, float]()
+    for number, group in enumerate(screen.groups):
+        law, place = group.hypothesis.spot
+        if (law, place.site) == ("slip_step", "wrist_2_joint"):
+            mass = float(np.logaddexp.reduce(screen.prior(number)))
+            likely[str(place.axis)] = np.logaddexp(likely.get(str(place.axis), -np.inf), mass)
+    others = [mass for axis, mass in likely.items() if axis != "rz"]
+    assert len(others) == 5 and likely["rz"] > max(others) - 0.5 * np.log(ODD_PLACE)
