@@ -658,7 +658,7 @@ class DeflectionBatch(_Result[Array]):
         return found
 
     def flags_at(self, time: Array) -> Iterator[Flag]:
-        """Yield all flags, those of laws and drives too, each with the (N,) time [s] of its row, the first ones first."""
+        """Yield all flags, those of laws and drives too, the first rows first, with the (N,) times [s] of rows."""
         met = [*self.flags_by_row, *((i, flag) for i, flags in self.unseen() for flag in flags)]
         shares = self.drive_shares.max(axis=1, initial=0.0)
         for i in [int(np.argmax(shares))] if shares.max(initial=0.0) > 1.0 else ():

@@ -90,5 +90,5 @@ def test_every_answer_says_a_payload_that_no_campaign_had(tmp_path: Path) -> Non
     said = {name: {flag.about for flag in flags if flag.code == "new_payload"} for name, flags in flagged.items()}
     assert said.pop("settle") == {"p40"}  # where the path ends
     assert said.pop("c") == {"none", "p40", "p80"}
-    assert said == dict.fromkeys(said, {"p40", "p80"})
+    assert all(names == {"p40", "p80"} for names in said.values()), said
     assert not [flag for flag in declared.deflection(q[0], "p80").flags if flag.code == "new_payload"]
