@@ -103,11 +103,10 @@ def standing(records: Sequence[Record]) -> tuple[list[Record], list[str]]:
         shift, path = 0.0, recording.record.path
         if recording is not first and first.record.role == "log":
             if path not in shifts:
-                shifts[path] = streams.offset(
-                    first.time, first.record.moved[0], recording.time, recording.record.moved[0]
-                )
-                title = recording.record.title
-                notes.append(f"the clock of {title} is {shifts[path]:+.3f} s off, as the motions say")
+                moved = first.record.moved[0], recording.record.moved[0]
+                shifts[path], std = streams.offset(first.time, moved[0], recording.time, moved[1])
+                about = f"{shifts[path]:+.3f} s" + (f" ± {std:.2g} s" if np.isfinite(std) else "")
+                notes.append(f"the clock of {recording.record.title} is {about} off, as the motions say")
             shift = shifts[path]
             recording = recording.steady(first, spans, shift)
         reduced_to[i] = recording.rows(spans, shift)
