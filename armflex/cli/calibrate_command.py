@@ -19,7 +19,7 @@ from armflex.estimate.learn import LearnedAxis, learned_axes
 from armflex.estimate.sample import LawSamples, sample_laws
 from armflex.files.dh_table import in_dh_words
 from armflex.measured.measurements import Measurements
-from armflex.parameters import ParameterKind
+from armflex.parameters import MISSING, ParameterKind
 from armflex.readings import Position
 from armflex.sampling.diagnostics import FEWEST_DRAWS
 from armflex.storage.whole_file import together
@@ -127,7 +127,7 @@ def _remarks(calibration: Calibration) -> Iterator[str]:
     scatters = calibration.fit.scatters
     names = dict.fromkeys(kind.name or "the tracker" for kind in calibration.fit.view.readings.kinds)
     for name, scatter in zip(names, scatters, strict=True):
-        if scatter > 1.5:  # scatter over the stated noise from which an effect is reported missing
+        if scatter > MISSING:
             whose = f"The readings of {name}" if len(scatters) > 1 else "The readings"
             text = f"{whose} scatter {scatter:.2g} times as much as stated, and were weighted by that: an effect is "
             yield f"{text}missing, which the fitted parameters may absorb in part. `armflex trace` searches for it."
