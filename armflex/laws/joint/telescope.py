@@ -127,10 +127,8 @@ def read_telescope(table: Declaration, joint: str, ranges: Ranges) -> Telescope:
     driver, factor, offset = driver_of(table, joint, ranges)
     own, times, more = driven_by(joint, ranges)
     if own == driver and (times, more) != (factor, offset):
-        out = f"{times:g} {driver}{f' {more:+g} m' if more else ''}"
-        text = (
-            f"the boom is as long as its own joint {joint!r} is out, {out}, and {table.text('depends_on', joint)!r} is "
-        )
+        named, out = table.text("depends_on", joint), f"{times:g} {driver}{f' {more:+g} m' if more else ''}"
+        text = f"the boom is as long as its own joint {joint!r} is out, {out}, and {named!r} is "
         raise table.fail("depends_on", f"{text}elsewhere: leave depends_on out, or declare a position_dependent law")
     length, ends = length0 + offset, ranges[driver]
     if (shortest := length + min(factor * end for end in ends)) < 0.0:
