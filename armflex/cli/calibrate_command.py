@@ -14,7 +14,7 @@ from armflex.errors import InputError, enough_memory
 from armflex.estimate import Calibration, calibrate
 from armflex.estimate.block import learned_laws
 from armflex.estimate.held_out import OfCampaign
-from armflex.estimate.identify import FittedParameter
+from armflex.estimate.identify import FittedParameter, about_zeros
 from armflex.estimate.learn import LearnedAxis, learned_axes
 from armflex.estimate.sample import LawSamples, sample_laws
 from armflex.files.dh_table import in_dh_words
@@ -110,6 +110,7 @@ def print_calibration(calibration: Calibration, show_all: bool = False) -> None:
         columns = ["parameter", "value", "± std", "unit", "prior deviations", "determined"]
         title = "Parameters" if show_all else "Parameters that moved most, relative to their priors"
         print_table(title, columns, [_cells(parameter, words) for parameter in chosen])
+        say(*about_zeros(calibration.fit.parameters))
     blind = [p for p in calibration.undetermined if p.kind is not ParameterKind.LAW]
     if blind:
         called = {name: word for name, (word, _) in words.items()}
