@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+import struct
 from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -731,3 +732,17 @@ def test_poses_again_and_again_are_no_evidence_of_clocks(
         assert offset(time, joints, time[seen] - 2.2, places[seen])[0] == pytest.approx(-2.2, abs=0.03)
     except InputError as error:
         assert "move alike at several differences" in str(error)
+
+
+def test_a_capture_with_more_frames_than_it_states_is_refused(tmp_path: Path) -> None:
+    path = c3d(tmp_path)
+    data = bytearray(path.read_bytes())
+    first, last = struct.unpack("<2H", data[6:10])
+    frames = (last - first + 1) // 2
+    data[8:10] = struct.pack("<H", first + frames - 1)
+    at = data.index(b"FRAMES") + len("FRAMES") + 2  # then a type of words of 2 bytes, and no dimension or one
+    at += 3 if data[at + 1] else 2
+    data[at : at + 2] = struct.pack("<H", frames)
+    path.write_bytes(data)
+    with pytest.raises(InputError, match=rf"take.c3d: has the numbers of \d+ frames or more, and states {frames}"):
+        intake([log(tmp_path), path], 5e-5)
