@@ -392,6 +392,16 @@ class Arm:
             raise UnknownNameError("payload", payload, (*self.payloads, "none"))
         return self.payloads[payload]
 
+    def new_payload(self, payload: Payload) -> tuple[Flag, ...]:
+        """Return a flag where the arm was calibrated, and under other payloads alone; a weight names a nameless one."""
+        seen = self.certainty.payloads if self.certainty is not None else ()
+        names = [name for name, body in self.payloads.items() if body is payload]
+        names = names or ["none" if not payload.mass else f"of {payload.mass:g} kg"]
+        if not seen or not set(names).isdisjoint(seen):
+            return ()
+        text = f"payload {names[0]}: the arm was calibrated under {', '.join(seen)} alone, and sigma does not have in "
+        return (Flag("new_payload", f"{text}it how far its laws are off under another load", about=names[0]),)
+
     @checked_kinds
     def position(self, **joints: float) -> Array:
         """Return q (nq,) [rad or m] with the named joints set and the others at zero.

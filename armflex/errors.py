@@ -265,6 +265,11 @@ class Flag:
     about: str = field(default="", compare=False)
     size: float = field(default=0.0, compare=False)
 
+    @property
+    def kind(self) -> tuple[str, str]:
+        """The code, and what it is about: flags of one kind say the same of several rows."""
+        return self.code, self.about
+
     def __str__(self) -> str:
         return f"{self.code}: {self.text}"
 
@@ -273,12 +278,12 @@ EQUALLY = 1e-9
 """Share of a flag's size by which another of its kind must be larger to be the worse of them."""
 
 
-def worst_of(flags: Iterable[Flag]) -> dict[str, Flag]:
-    """Return the worst flag of every code, in the order in which codes come; the first of those that are as bad."""
-    worst: dict[str, Flag] = {}
+def worst_of(flags: Iterable[Flag]) -> dict[tuple[str, str], Flag]:
+    """Return the worst flag of every kind, in the order in which kinds come; the first of those that are as bad."""
+    worst: dict[tuple[str, str], Flag] = {}
     for flag in flags:
-        if flag.size > worst.setdefault(flag.code, flag).size * (1.0 + EQUALLY):
-            worst[flag.code] = flag
+        if flag.size > worst.setdefault(flag.kind, flag).size * (1.0 + EQUALLY):
+            worst[flag.kind] = flag
     return worst
 
 

@@ -240,6 +240,9 @@ def named(labels: Iterable[str], labelled: Sequence[tuple[ArmParameter, str]]) -
 ABSURD = 10.0
 """Confidence: prior standard deviations beyond which a value is none that was thought of when the prior was written."""
 
+MISSING = 1.5
+"""Confidence: scatter over the stated noise from which an effect is reported missing."""
+
 DOUBT = 0.05
 """Confidence: probability from which it is in question whether something is so; of two, with odds of 20 it is not."""
 

@@ -14,12 +14,12 @@ from armflex.errors import InputError, enough_memory
 from armflex.estimate import Calibration, calibrate
 from armflex.estimate.block import learned_laws
 from armflex.estimate.held_out import OfCampaign
-from armflex.estimate.identify import FittedParameter
+from armflex.estimate.identify import FittedParameter, about_zeros
 from armflex.estimate.learn import LearnedAxis, learned_axes
 from armflex.estimate.sample import LawSamples, sample_laws
 from armflex.files.dh_table import in_dh_words
 from armflex.measured.measurements import Measurements
-from armflex.parameters import ParameterKind
+from armflex.parameters import MISSING, ParameterKind
 from armflex.readings import Position
 from armflex.sampling.diagnostics import FEWEST_DRAWS
 from armflex.storage.whole_file import together
@@ -110,6 +110,7 @@ def print_calibration(calibration: Calibration, show_all: bool = False) -> None:
         columns = ["parameter", "value", "± std", "unit", "prior deviations", "determined"]
         title = "Parameters" if show_all else "Parameters that moved most, relative to their priors"
         print_table(title, columns, [_cells(parameter, words) for parameter in chosen])
+        say(*about_zeros(calibration.fit.parameters))
     blind = [p for p in calibration.undetermined if p.kind is not ParameterKind.LAW]
     if blind:
         called = {name: word for name, (word, _) in words.items()}
@@ -127,7 +128,7 @@ def _remarks(calibration: Calibration) -> Iterator[str]:
     scatters = calibration.fit.scatters
     names = dict.fromkeys(kind.name or "the tracker" for kind in calibration.fit.view.readings.kinds)
     for name, scatter in zip(names, scatters, strict=True):
-        if scatter > 1.5:  # scatter over the stated noise from which an effect is reported missing
+        if scatter > MISSING:
             whose = f"The readings of {name}" if len(scatters) > 1 else "The readings"
             text = f"{whose} scatter {scatter:.2g} times as much as stated, and were weighted by that: an effect is "
             yield f"{text}missing, which the fitted parameters may absorb in part. `armflex trace` searches for it."

@@ -80,7 +80,7 @@ def _along(arm: Arm, path: Path, payload: str, covariates: dict[str, float], cou
         record(point, "name time payload", **{"frequencies_hz": "frequencies", "flexures": "stiffest"})
         for point in along
     ]
-    flags = {flag.code: flag for point in along for flag in point.flags}
+    flags = {flag.kind: flag for point in along for flag in point.flags}
     options.conclude(lambda: {"via_points": points}, tuple(flags.values()), arm)
     most = max(len(point.frequencies) for point in along)
     rows = [

@@ -33,7 +33,7 @@ from armflex.robot.robot import lock_side_joints
 from armflex.rows.rows import TIME
 from armflex.rows.wrench import Wrench
 from armflex.storage.read_file import read_file
-from armflex.storage.whole_file import is_replaced, is_stdout, write_whole
+from armflex.storage.whole_file import STDOUT, is_replaced, is_stdout, write_whole
 from armflex.trajectory import Trajectory, read_trajectory
 from armflex.version import __version__
 
@@ -75,14 +75,14 @@ class Quantity(click.ParamType):
 
 
 class OutputPath(click.Path):
-    """A file to be written; its folder is looked at before anything is computed or written."""
+    """A file to be written, `-` for stdout; its folder is looked at before anything is computed or written."""
 
     def __init__(self) -> None:
         super().__init__(dir_okay=False, readable=False, path_type=Path)  # nobody reads it
 
     def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> Path:
         """Return the path; fail where no file can be written there."""
-        path = Path(os.fsdecode(super().convert(value, parameter, context)))
+        path = STDOUT if value == "-" else Path(os.fsdecode(super().convert(value, parameter, context)))
         try:
             replaced = is_replaced(path)
             folder = Path(os.path.realpath(path)).parent if path.is_symlink() else path.parent
@@ -121,7 +121,7 @@ class Command(click.Command):
 
     def __init__(self, *given: Any, **named: Any) -> None:
         super().__init__(*given, **named)
-        text = "Write the result for programs to FILE."
+        text = "Write the result for programs to FILE; - for stdout, and all else goes to stderr."
         self.params.append(click.Option(["--json", "json_path"], type=OutputPath(), help=text))
 
     def format_epilog(self, context: click.Context, formatter: click.HelpFormatter) -> None:
@@ -155,7 +155,9 @@ class Command(click.Command):
         for (name, first), (other, second) in combinations(outputs, 2):
             if same_file(first, second):
                 raise InputError(f"{name} and {other} are the same file {second}; name another one")
-        if any(is_stdout(path) for _, path in outputs):
+        if said := [option for option, path in outputs if is_stdout(path)]:
+            if len(said) > 1:
+                raise InputError(f"{' and '.join(said)} both go to stdout: name a file with one of them")
             result_on_stdout()
         context.meta[__name__] = context.params.pop("json_path")
         each = [

@@ -11,6 +11,7 @@ from armflex.cli import options
 from armflex.cli.options import InputPath, OutputPath, Quantity
 from armflex.cli.terminal import number, print_table, progress, say, say_written
 from armflex.errors import InputError
+from armflex.estimate.identify import about_zeros
 from armflex.files.arm_file import load_arm
 from armflex.files.dh_table import in_dh_words
 from armflex.measured.measurements import read_measurements
@@ -140,4 +141,5 @@ def print_plan(planned: Plan) -> None:
         rows.append([words.get(row["name"], (row["name"],))[0], *stds, unit])
     if rows:
         print_table("Expected to become more certain, most first", ["parameter", "± now", "± after", "unit"], rows)
+        say(*about_zeros(planned.model.parameters))
     say(*planned.advice)

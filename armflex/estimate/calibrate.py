@@ -17,6 +17,7 @@ from armflex.conventions import RESOLUTION, TWIST_NAMES, Shown, row_numbers, sai
 from armflex.errors import ArmflexError, ConventionError, Flag, InputError, UnsupportedError, listing, naming
 from armflex.estimate.block import Block, law_block, parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
+from armflex.estimate.coupled_axes import coupled_axes
 from armflex.estimate.fit import Fit, WeighedReadings, fit, realise
 from armflex.estimate.held_out import (
     POSE_FOLDS,
@@ -286,7 +287,7 @@ def calibrate(
     """
     calibrated = fit_campaign(arm, measurements, rows, progress, keep, as_stated, seen, anyway)
     if not (anyway or as_stated):
-        check_scatter(calibrated.fit)
+        check_scatter(calibrated.fit, [flag for flag in calibrated.flags if flag.code == "coupled_axes"])
     return calibrated
 
 
@@ -379,6 +380,7 @@ def fitted_to(
         *judgement,
         *far_from_declared(fitted, fitted.parameters, calibrated),
         *_against_load(fitted),
+        *(() if as_stated else coupled_axes(fitted)),
         *soft(calibrated.flexures, anywhere(arm.robot), arm.flags),
         *(() if as_stated or keep or not certainty.misfit else _held(arm)),
         *(() if excused else worse_than_declared(errors, fitted.view.readings.shown_in)),

@@ -1,6 +1,6 @@
 """What the data determine of each parameter, and what they do not."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -178,3 +178,12 @@ def partners_of(normal: Array, posterior: LinearGaussian, index: int, names: Seq
     effect = np.abs(amount) * sizes[others]
     strong = [int(i) for i in np.argsort(-effect) if 2.0 * effect[i] >= effect.max()]
     return tuple(names[int(others[i])] for i in strong[:FEW])
+
+
+def about_zeros(fitted: Iterable[ArmParameter]) -> Iterator[str]:
+    """Yield what the uncertainty of an offset is not, where frames may turn about axes of joints as well."""
+    if {ParameterKind.OFFSET, ParameterKind.GEOMETRY} <= {parameter.group.kind for parameter in fitted}:
+        text = (
+            "± of a joint_offset is of that parameter alone. A joint's zero, which is its offset with what turns its "
+        )
+        yield f"{text}frames about its axis, is known better: see `armflex export FIT.toml --to sheet`."

@@ -759,14 +759,18 @@ def wrong_sigma(fit: Fit, about: Sequence[Flag] = (), searched: bool = False) ->
             yield Flag("sigma_implausible", f"{text}: {ask}", about=name)
 
 
-def check_scatter(fit: Fit) -> None:
+def check_scatter(fit: Fit, doubts: Sequence[Flag] = ()) -> None:
     """Raise where readings scatter a hundred times as far as they state: nothing is to be written that rests on them.
 
     No arm lacks `ABSURD` times what an instrument is said to read that states `ABSURD` times too little.
+
+    Args:
+        fit: The fit, each instrument weighed by its scatter.
+        doubts: What would explain it.
 
     Raises:
         ConventionError: With the instrument, what it states and how it scatters.
     """
     for flag in wrong_sigma(fit):
         if flag.code == "scattered":
-            raise ConventionError(flag.text, ["readings scatter"])
+            raise ConventionError("; ".join([flag.text, *(doubt.text for doubt in doubts)]), ["readings scatter"])

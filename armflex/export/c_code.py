@@ -173,7 +173,8 @@ def export(arm: Arm, name: str = "arm") -> Exported:
         "covariates": list(factors.names),
         "stack_bytes": {"tip": stack, "follow": stack, "compensate": compensate},
     }
-    return Exported(text, tuple(notes), said, about_time(arm, (TIME, HOLD)))
+    new = [flag for one in loaded for flag in arm.new_payload(one.payload)]
+    return Exported(text, tuple(notes), said, (*about_time(arm, (TIME, HOLD)), *new))
 
 
 BOUNDS = {

@@ -104,8 +104,7 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
     """
     whole = with_constants(arm)
     rows = None if over is None else read_measurements(over, arm, inputs_only=True)
-    # As the arm that the controller knows is taken apart, so that its rows can be held against these.
-    splits = [choose(frame) for frame in joint_frames(replace(arm, corrections=Corrections()), zeros=False)[1:-1]]
+    splits = _splits(arm)
     values = numbers(Setup(arm, arm.instrument or Instrument()), splits)
     std, warnings = uncertainties(arm, splits, values)
     if plays := _unstated(arm):
@@ -125,6 +124,23 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
         notes += (f"{text}; a controller without beta is off by up to {most * 1e3:.3g} mm at the tip",)
         lost |= {"without_beta_m": most}
     return Exported(_table(values, std), (*warnings, *notes), lost, page=_page(arm, values, std))
+
+
+def joint_zeros(arm: Arm) -> dict[str, tuple[float, float, str]]:
+    """Return by joint what is added to the controller's reading, its standard uncertainty, and their unit, m or rad.
+
+    It is the whole error of a joint's zero: that of its offset, and of frames that are turned about its axis.
+    """
+    splits = _splits(arm)
+    values = numbers(Setup(arm, arm.instrument or Instrument()), splits)
+    std, _ = uncertainties(arm, splits, values)
+    zeros = [key for key in values if key.section == "joint_offset"]
+    return {key.of: (values[key], std.get(key, 0.0), key.unit) for key in zeros}
+
+
+def _splits(arm: Arm) -> list[Split]:
+    """Return how the arm that the controller knows is taken apart, so that its rows can be compared with these."""
+    return [choose(frame) for frame in joint_frames(replace(arm, corrections=Corrections()), zeros=False)[1:-1]]
 
 
 def numbers(setup: Setup, splits: Sequence[Split]) -> dict[Key, float]:

@@ -205,6 +205,8 @@ def _body(row: Declaration) -> Inertial | None:
     """Return what a link weighs, all of it at its centre of mass."""
     mass = row.number("mass", 0.0)
     com = row.numbers("com", (3,)) if row.has("com") else np.zeros(3)
+    if row.has("com") and not row.has("mass"):
+        raise row.fail("com", "stands without the mass whose centre it is: give mass, too")
     if mass < 0.0:
         raise row.fail("mass", f"is {mass:g} kg, expected more than 0")
     return Inertial(mass, com, np.eye(3), np.zeros((3, 3)), row.place("mass"), point=True) if mass else None

@@ -42,6 +42,9 @@ POINTS = {
 """Types of messages with a position [m], and where in them it is."""
 
 WANTED = {JOINTS, "TFMessage", *POINTS}
+ALWAYS = {"Log", "ParameterEvent", "Clock", "DiagnosticArray", "String"}
+"""Types in every recording, of which nobody misses what is left out."""
+
 MENDS = {".mcap": "`mcap recover`", ".db3": "`ros2 bag reindex`", ".bag": "`rosbag reindex`"}
 
 DELAY = 0.05
@@ -77,6 +80,9 @@ def read_bag(path: Path) -> list[SourceTable]:
                 if at and len(at) != len(names):
                     text = f"{topic} has {len(at)} positions of {len(names)} joints at {stamp:.3f} s"
                     raise TableError(Place(path), text)
+                if at and "" in names:
+                    text = f"{topic} leaves the name of a joint empty, number {names.index('') + 1} of {len(names)}"
+                    raise TableError(Place(path), f"{text}, at {stamp:.3f} s")
                 for name, value in zip(names, at, strict=False):  # no positions: velocities alone
                     if np.isfinite(value := float(value)):
                         joints[topic][str(name)].append((stamp, received, value))
@@ -99,6 +105,9 @@ def read_bag(path: Path) -> list[SourceTable]:
         if path.suffix == ".active":
             problem, mends = "its recording was not closed", f": call it .bag, then {MENDS['.bag']} mends it"
         raise TableError(Place(path), f"cannot be read as a bag: {problem}{mends}") from None
+    others = [f"{topic} ({kind})" for topic, kind in unread.items() if kind not in ALWAYS]
+    if others and places:
+        notes.append(f"topics of {path.name} of types that are not read: {listing(others, 8)}")
     sources = _of_joints(path, joints, tuple(notes))
     bodies, frames = defaultdict[str, set[str]](set), defaultdict[tuple[str, str], set[str]](set)
     for topic, child, frame in places:

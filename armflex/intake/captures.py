@@ -424,13 +424,17 @@ def read_c3d(path: Path) -> list[SourceTable]:
         raise TableError(Place(path), f"POINT:RATE is {rate:g}, expected frames per second")
     if unit and unit.lower() not in LENGTHS:
         raise TableError(Place(path), f"POINT:UNITS is {shown(unit)}, expected a unit of length")
-    start, in_header = _c3d_header(path)
+    start, in_header, behind = _c3d_header(path)
     frames = points.shape[2]
     stated = max(stated, in_header, frames)
     per = size * (4 * points.shape[1] + analogs // max(frames, 1))
     if (there := min(frames, max(path.stat().st_size - start, 0) // max(per, 1))) < stated:
         text = f"ends after {there} of its {stated} frames: it was cut, copy or export it again"
         raise TableError(Place(path), text)
+    # Whole blocks are written, and the parameters may stand behind the frames.
+    if (more := (path.stat().st_size - start - BLOCK) // max(per, 1)) > stated and not behind:
+        text = f"has the numbers of {more} frames or more, and states {stated}: export it again"
+        raise TableError(Place(path), f"{text}, in parts where they are more than 65535")
     sources, times = list[SourceTable](), (first + np.arange(frames)) / rate
     names = labels + [f"point {i}" for i in range(len(labels) + 1, points.shape[1] + 1)]
     for name, place in zip(names, points.transpose(1, 2, 0), strict=False):
@@ -440,14 +444,20 @@ def read_c3d(path: Path) -> list[SourceTable]:
     return sources
 
 
-def _c3d_header(path: Path) -> tuple[int, int]:
-    """Return the byte at which the frames of a C3D file begin, and their number; 0 where it is too large for a word.
+BLOCK = 512
+"""Bytes of a block of a C3D file."""
 
-    Words 9, 4 and 5 of its header, as its processor writes them (c3d.org, "The C3D file header").
+
+def _c3d_header(path: Path) -> tuple[int, int, bool]:
+    """Return the byte at which a C3D file's frames begin, their number, and whether its parameters are behind them.
+
+    The number is 0 where it is too large for a word. Words 9, 4 and 5 of its header, as its processor writes them
+    (c3d.org, "The C3D file header").
     """
     with path.open("rb") as file:
-        head = file.read(512)
-        file.seek(512 * (head[0] - 1) + 3)
+        head = file.read(BLOCK)
+        file.seek(BLOCK * (head[0] - 1) + 3)
         order = ">" if file.read(1) == b"\x56" else "<"  # 84 Intel, 85 DEC, 86 MIPS
     first, last = struct.unpack(f"{order}2H", head[6:10])
-    return 512 * (struct.unpack(f"{order}H", head[16:18])[0] - 1), last - first + 1 if first <= last < 65535 else 0
+    start = struct.unpack(f"{order}H", head[16:18])[0]
+    return BLOCK * (start - 1), last - first + 1 if first <= last < 65535 else 0, head[0] > start

@@ -92,6 +92,10 @@ def with_roles(records: list[Record], targets: Sequence[str], ask: Ask | None) -
         text = f"several could be the target: {listing(stamped)}: --target '{stamped[0]}', one or more times"
         stamped, wrong = [], [text]
     wrong += _called_alike(placed, stamped)
+    if stamped and not targets and (left := [name for name in parts if name not in stamped]):
+        text = f"{listing(left, FEW)} moves, too, and is no target: --target NAME says another"
+        records = [replace(one, notes=(*one.notes, text)) if one is parts[stamped[0]] else one for one in records]
+        parts[stamped[0]] = next(record for record in records if record.part == stamped[0])
     points = [*(record for record in placed if not record.part), *(parts[name] for name in stamped)]
     exports, roles = [record for record in points if not record.has("joint")], list[Record]()
     for record in records:

@@ -103,11 +103,10 @@ def standing(records: Sequence[Record]) -> tuple[list[Record], list[str]]:
         shift, path = 0.0, recording.record.path
         if recording is not first and first.record.role == "log":
             if path not in shifts:
-                shifts[path] = streams.offset(
-                    first.time, first.record.moved[0], recording.time, recording.record.moved[0]
-                )
-                title = recording.record.title
-                notes.append(f"the clock of {title} is {shifts[path]:+.3f} s off, as the motions say")
+                moved = first.record.moved[0], recording.record.moved[0]
+                shifts[path], std = streams.offset(first.time, moved[0], recording.time, moved[1])
+                about = f"{shifts[path]:+.3f} s" + (f" ± {std:.2g} s" if np.isfinite(std) else "")
+                notes.append(f"the clock of {recording.record.title} is {about} off, as the motions say")
             shift = shifts[path]
             recording = recording.steady(first, spans, shift)
         reduced_to[i] = recording.rows(spans, shift)
@@ -164,6 +163,7 @@ def _stands(recording: Recording) -> tuple[Array, list[str]]:
     if max(before, after) > streams.STANDS:
         text = f"{title} lacks a joint in its first {before:.4g} s and its last {after:.4g} s"
         notes.append(f"{text}: no row is of then")
+    notes += _gaps(title, time, values, unit)
     spans, parted = _parted(recording.record, time, streams.dwells(time, values, unit))
     notes += [f"stands of {title} are parted where {listing(parted)} changes"] if parted else []
     within = [(time >= start) & (time <= end) for start, end in spans]
@@ -175,6 +175,20 @@ def _stands(recording: Recording) -> tuple[Array, list[str]]:
         text = f"nothing stands still for {streams.STANDS:g} s in it, whose rows are {_step(time)}"
         raise InputError(f"{recording.record.path}: {text}: a campaign stops for a second at each pose")
     return spans[there], [f"the arm stands {np.count_nonzero(there)} times in {title}", *notes]
+
+
+def _gaps(title: str, time: Array, values: Array, unit: str) -> list[str]:
+    """Return what is said where a recording has no rows for a while, and is elsewhere after it."""
+    order = np.argsort(time, kind="stable")
+    order = order[np.isfinite(values[order]).all(axis=1)]
+    moved = np.abs(np.diff(values[order], axis=0)).max(axis=1, initial=0.0) > streams.STILL[unit]
+    lasts = np.diff(time[order])
+    gaps = np.flatnonzero(moved & (lasts > 2.0 * streams.STANDS))
+    if not len(gaps):
+        return []
+    longest, begins = float(lasts[gaps].max()), float(time[order[gaps[0]]] - time.min())
+    text = f"{title} has no rows for up to {longest:.4g} s, {len(gaps)} times, the first {begins:.4g} s after its start"
+    return [f"{text}, and moves meanwhile: no row is of then"]
 
 
 def _parted(record: Record, time: Array, spans: Array) -> tuple[Array, list[str]]:

@@ -373,8 +373,10 @@ def reduced(source: Source, time: Array, spans: Array, shift: float) -> Source:
     return replace(source, lines=lines, columns=tuple(columns), spans=spans)
 
 
-def offset(time: Array, values: Array, other: Array, place: Array) -> float:
-    """Return how much [s] the clock of a tracker is ahead of that of the joints: the lag at which both move alike.
+def offset(time: Array, values: Array, other: Array, place: Array) -> tuple[float, float]:
+    """Return how much [s] the clock of a tracker is ahead of that of the joints, and the standard uncertainty of that.
+
+    It is the lag at which both move alike.
 
     Speeds, and not positions, are correlated: their roots, so that a fast motion does not outweigh the others. Motions
     that take about equally long look alike at several lags. There the target's squared speed is a sum of those of the
@@ -432,8 +434,32 @@ def offset(time: Array, values: Array, other: Array, place: Array) -> float:
     before, at, after = (float(match[min(max(best + i, 0), len(match) - 1)]) for i in (-1, 0, 1))
     bend = before - 2.0 * at + after
     fine = 0.5 * (before - after) / bend if bend < 0.0 else 0.0
-    lag = (best + fine - (len(speeds[0]) - 1)) * STEP
-    return float(grids[1][0][0] - grids[0][0][0] + lag)
+    lag = best - (len(speeds[0]) - 1)
+    stands = dwells(time, values, "rad").mean(axis=1) if len(time) else np.zeros(0)
+    motion = np.searchsorted(stands, grids[0][0][: len(speeds[0])])
+    shift = grids[1][0][0] - grids[0][0][0] + (lag + fine) * STEP
+    return float(shift), STEP * _lag_std(speeds[0], speeds[1], lag, fine, motion)
+
+
+def _lag_std(first: Array, second: Array, lag: int, fine: float, motion: np.ndarray) -> float:
+    """Return the standard uncertainty of the lag, in steps, at which (N,) and (M,) speeds are most alike.
+
+    There the slopes of the correlation add up to nothing over all motions. How much each slope is, which is a number of
+    its own, says how well the sum is known, and the bend of the correlation what that is as a lag.
+
+    Args:
+        first, second: Speeds.
+        lag: Steps by which the second is later, about which `fine` is found.
+        fine: The rest of it.
+        motion: (N,) number of the motion that each step of `first` is of.
+    """
+    rows = np.arange(max(0, 1 - lag), min(len(first), len(second) - lag - 1))
+    before, at, after = (np.bincount(motion[rows], first[rows] * second[rows + lag + i]) for i in (-1, 0, 1))
+    bend = before - 2.0 * at + after
+    slope = (0.5 * (after - before) + fine * bend)[np.bincount(motion[rows]) > 0]
+    if len(slope) < 2 or not bend.sum() < 0.0:
+        return np.inf
+    return float(np.sqrt(len(slope) / (len(slope) - 1) * (slope**2).sum()) / -bend.sum())
 
 
 def _left(joints: Array, target: Array, lag: int, motions: int) -> float:

@@ -60,16 +60,22 @@ def driver_of(table: Declaration, joint: str, ranges: Ranges) -> tuple[str, floa
         ArmFileError: No driven joint moves it.
     """
     owner = table.text("depends_on", joint)
-    driver, factor, offset = owner, 1.0, 0.0
-    followers = ranges.followers if isinstance(ranges, Travel) else {}
-    while driver in followers:
-        driver, times, more = followers[driver]
-        factor, offset = factor * times, factor * more + offset
+    driver, factor, offset = driven_by(owner, ranges)
     if driver in ranges:
         return driver, factor, offset
     follows = f" follows {driver!r}, which" if driver != owner else ""
     hint = did_you_mean(driver, ranges)
     raise table.fail("depends_on", f"{owner!r}{follows} is no driven joint of the chain{hint}")
+
+
+def driven_by(joint: str, ranges: Ranges) -> tuple[str, float, float]:
+    """Return the joint that a joint follows, or itself, and the factor and offset by which it does [rad, m]."""
+    driver, factor, offset = joint, 1.0, 0.0
+    followers = ranges.followers if isinstance(ranges, Travel) else {}
+    while driver in followers:
+        driver, times, more = followers[driver]
+        factor, offset = factor * times, factor * more + offset
+    return driver, factor, offset
 
 
 class Transform(Enum):

@@ -657,6 +657,15 @@ class DeflectionBatch(_Result[Array]):
             found += [(i, flag) for flag in arm.loaded(None).sag_flags(self.displacement[i])]
         return found
 
+    def flags_at(self, time: Array) -> Iterator[Flag]:
+        """Yield all flags, those of laws and drives too, the first rows first, with the (N,) times [s] of rows."""
+        met = [*self.flags_by_row, *((i, flag) for i, flags in self.unseen() for flag in flags)]
+        shares = self.drive_shares.max(axis=1, initial=0.0)
+        for i in [int(np.argmax(shares))] if shares.max(initial=0.0) > 1.0 else ():
+            met += [(i, flag) for flag in self.row(i).overload]
+        for i, flag in sorted(met, key=lambda pair: pair[0]):
+            yield flag if flag in self.arm.flags else replace(flag, text=f"at {time[i]:g} s: {flag.text}")
+
     @cached_property
     def first_unseen(self) -> tuple[int, tuple[Flag, ...]] | None:
         """The first row beyond what a trained law or an effect has seen, and the flags about it."""

@@ -119,6 +119,7 @@ class Structure(Manipulator, Protocol):
         joint_index: Place of every joint in q.
         bounds: Least and largest positions of all joints that are within their limits and of sensible size.
         within_limits: Whether numbers are such positions.
+        new_payload: A flag where it was measured under other payloads alone.
         link_names: Links at and beyond the base.
     """
 
@@ -137,6 +138,7 @@ class Structure(Manipulator, Protocol):
     @property
     def pulls(self) -> Sequence[Load]: ...
     def within_limits(self, values: Sequence[float]) -> bool: ...
+    def new_payload(self, payload: Payload) -> tuple[Flag, ...]: ...
     @property
     def springs(self) -> tuple[Spring, ...]: ...
     @property
@@ -257,7 +259,7 @@ class LoadedArm:
         if 0.0 < own < payload.mass and not rated:
             text = f"payload of {payload.mass:g} kg is heavier than the arm itself, {own:.4g} kg: grams?"
             flags = (*flags, Flag("heavy_payload", text, size=payload.mass))
-        return flags
+        return (*flags, *arm.new_payload(payload))
 
     def flags_under(self, wrenches: Sequence[Wrench], moves: bool) -> tuple[Flag, ...]:
         """Return `flags` with the flags about loads from outside [N, Nm] and about what moves.

@@ -143,7 +143,7 @@ def modes_of(found: Equilibrium, count: int, damping: float | None, driven: bool
     shares = energies / (masses / inverse)[:, None]
     text = f"[robot] states no damping_ratio: {DAMPING:g} is assumed for every mode"
     flags = () if damping is not None else (Flag("damping_assumed", text),)
-    flags += tuple(_pointlike(found, configuration, body, masses))
+    flags += (*_pointlike(found, configuration, body, masses), *arm.new_payload(loaded.payload))
     ratios = np.full(len(masses), DAMPING if damping is None else damping)
     twists, momenta, drives = motion.reshape(len(masses), -1, 6), None, None
     if driven:

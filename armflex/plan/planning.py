@@ -15,13 +15,14 @@ from armflex.arm import SLACK, Arm
 from armflex.configurations import drawn_range
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, did_you_mean, listing, shown
+from armflex.estimate.misreadings import USUAL_PRIOR
 from armflex.estimate.view import look
 from armflex.laws.effects.context import TEMPERATURE
 from armflex.laws.effects.effect import Effect
 from armflex.laws.row import MASS
 from armflex.measured.measurements import Measurements, as_measurements
 from armflex.measured.table import Tabular
-from armflex.parameters import OF_SESSION
+from armflex.parameters import OF_SESSION, of_offsets
 from armflex.plan.design import DsOptimal, Goal, IOptimal, TOptimal, Truth, exchanged, greedy, path
 from armflex.plan.design_model import Before, DesignModel, answers, known_before, learning, model_of, noises_of
 from armflex.plan.drive import driven
@@ -48,6 +49,9 @@ COARSEST = 0.01
 
 READING = 2e-4
 """Standard deviation of a position read [m] where nobody says: a laser tracker some metres away."""
+
+CLEAR, NARROW = 3.0, 0.01
+"""Standard deviations of a joint's zero by which rows keep clear of its limits, and the most of its range."""
 
 OFFERED = 1024
 """Rows among which the first choice is made, a power of two."""
@@ -271,6 +275,10 @@ def reach_of(
     arm, campaign = before.setup.arm, before.campaign
     approached = _approached(arm, effects, covariates)
     lower, upper, flags = drawn_range(arm)
+    zeros = np.array([arm.prior.of(parameter)[1] or USUAL_PRIOR.joint_offset for parameter in of_offsets(arm.robot)])
+    # A controller, whose zeros are elsewhere, refuses what stands on a limit or a little beyond it.
+    clear = np.minimum(CLEAR * zeros, NARROW * (upper - lower))
+    lower, upper = np.maximum(lower, arm.robot.lower + clear), np.minimum(upper, arm.robot.upper - clear)
     # Once round is as far as a joint need go, unless what an effect does is not the same then.
     turning = np.array([joint.kind == "revolute" for joint in arm.robot.moving])
     named = {name for effect in (*arm.effects, *effects) for name in effect.location.covariates}

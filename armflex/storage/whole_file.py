@@ -29,6 +29,9 @@ class _Staged:
     streams: list[tuple[Path, int | None, IO[bytes]]] = field(default_factory=list)
 
 
+STDOUT = Path("/dev/stdout")
+"""This process's output stream, also where the system has no such file."""
+
 _staged: ContextVar[_Staged | None] = ContextVar("staged", default=None)
 
 
@@ -125,7 +128,7 @@ def is_stdout(path: Path) -> bool:
 def _status(path: Path) -> os.stat_result | None:
     """Return what stands at the end of a path and its links, None where there is nothing yet."""
     try:
-        return path.stat()
+        return os.fstat(1) if path == STDOUT else path.stat()
     except FileNotFoundError:
         return None
 

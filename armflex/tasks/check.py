@@ -358,7 +358,7 @@ class _Judge:
     def __init__(self, arm: Arm, trajectory: Trajectory, angle: float | None, method: str) -> None:
         self.arm, self.trajectory, self.angle, self.method = arm, trajectory, angle, method
         self.samples, self.load_factor, self.turns = 0, np.inf, (0.0, 0.0)
-        self.flags: dict[str, Flag] = {}
+        self.flags: dict[tuple[str, str], Flag] = {}
 
     def between(self, segments: np.ndarray, fractions: Array) -> _Samples:
         """Return the verdicts at (M,) fractions of the way from (M,) rows to the next.
@@ -393,7 +393,7 @@ class _Judge:
         except ArmflexError:  # one bad row must not hide the others
             reason[:] = [self.trouble(points, i, name) for i, name in enumerate(names)]
             deflection = self.arm.deflection(points.q, points.payload, enforce_limits=False, allow_large=True, **asked)
-        self.keep_flags(deflection, points.time)
+        self.flags = worst_of([*self.flags.values(), *deflection.flags_at(points.time)])
         self.load_factor = min(self.load_factor, float(deflection.found_factors.min(initial=np.inf)))
         return self.judge(deflection, self.covariance(deflection, points, reason == ""), points, reason)
 
@@ -411,18 +411,6 @@ class _Judge:
                 return str(error)
         return ""
 
-    def keep_flags(self, deflection: DeflectionBatch, time: Array) -> None:
-        """Keep the worst of the flags of every kind."""
-        met = [*deflection.flags_by_row, *((i, flag) for i, flags in deflection.unseen() for flag in flags)]
-        shares = deflection.drive_shares.max(axis=1, initial=0.0)
-        for i in [int(np.argmax(shares))] if shares.max(initial=0.0) > 1.0 else ():
-            met += [(i, flag) for flag in deflection.row(i).overload]
-        met.sort(key=lambda pair: pair[0])
-        said = [
-            flag if flag in self.arm.flags else replace(flag, text=f"at {time[i]:g} s: {flag.text}") for i, flag in met
-        ]
-        self.flags = worst_of([*self.flags.values(), *said])
-
     def covariance(self, deflection: DeflectionBatch, points: Points, fine: np.ndarray) -> Array | None:
         """Return the (M, 6, 6) covariance of the displacement, None where nobody states one; others fail anyhow."""
         laws = deflection.covariance
@@ -434,7 +422,7 @@ class _Judge:
         carried, pulled = [points.payload[i] for i in stated.tolist()], wrenches_in(points.wrenches, stated)
         fitted, flags = tip_covariance(self.arm, points.q[stated], carried, given, of_laws, pulled)
         for flag in (*flags, *((AT_REST,) if points.v is not None or points.a is not None else ())):
-            self.flags.setdefault(flag.code, flag)
+            self.flags.setdefault(flag.kind, flag)
         if fitted is None:
             return laws
         total = np.full((len(fine), 6, 6), np.nan) if laws is None else laws.copy()

@@ -16,7 +16,7 @@ import pinocchio as pin
 from armflex.arguments import checked_kinds
 from armflex.arm import Arm
 from armflex.conventions import Array, as_pose, number, real_array
-from armflex.errors import Flag, InputError, UnreachableError, naming
+from armflex.errors import Flag, InputError, UnreachableError, naming, worst_of
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.estimate.tip_uncertainty import flagged_covariance
 from armflex.laws.effects.in_arm import about_time
@@ -247,12 +247,13 @@ def _with_sigmas(
 ) -> tuple[tuple[CompensatedRow, ...], tuple[Flag, ...]]:
     """Return the rows with the uncertainty of what remains in each, and flags about it."""
     points, certain = moved.prepared(arm).points, without_declared_uncertainty(arm)
-    errors, met = np.array([row.after for row in rows]), dict[Flag, None]()
+    errors, met = np.array([row.after for row in rows]), list[Flag]()
 
     def uncertain(rows: np.ndarray) -> tuple[list[dict[str, float]], tuple[Flag, ...]]:
         here = points.some(rows)
         deflection = certain.deflection(here.q, here.payload, enforce_limits=False, **here.asked)
-        covariance, flags = flagged_covariance(deflection)
+        covariance, fitted = flagged_covariance(deflection)
+        flags = (*deflection.flags_at(here.time), *fitted)
         if covariance is None:
             return [{}] * len(rows), flags
         relative = flagged_covariance(deflection, relative=True)[0] if arm.certainty else covariance
@@ -266,12 +267,12 @@ def _with_sigmas(
 
     stated: list[CompensatedRow] = []
     for sigmas, flags in in_threads(uncertain, in_pieces(np.arange(len(rows)), TOGETHER)):
-        met |= dict.fromkeys(flags)
+        met += flags
         stated += [replace(rows[len(stated) + i], **sigma_by_name) for i, sigma_by_name in enumerate(sigmas)]
     if arm.flexure_names and any(row.sigma_m is None for row in stated):
         text = "neither the laws nor a fit of this arm states an uncertainty: what remains is the declared arm's"
-        met[Flag("no_uncertainty", text)] = None
-    return tuple(stated), tuple(met)
+        met.append(Flag("no_uncertainty", text))
+    return tuple(stated), tuple(worst_of(met).values())
 
 
 def _solve_rows(

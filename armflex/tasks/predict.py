@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -341,8 +342,8 @@ class _Flags:
         self._beyond = 0
         self._unclear: dict[str, int] = {}
         self._sessions: set[str] = set()
-        self._met: dict[str, Flag] = {}
-        self._payloads: dict[str, int] = {}
+        self._met: dict[tuple[str, str], Flag] = {}
+        self._payloads = Counter[str]()
         self._worst: dict[tuple[str, str], tuple[int, int, Flag]] = {}
         self._fitted: dict[Flag, None] = {}
         self._timed: dict[str, Flag] = {}
@@ -355,9 +356,7 @@ class _Flags:
         frames = {*arm.instrument.sessions, *arm.instrument.targets} if arm.instrument else ()
         if frames:
             self._sessions |= set(rows.session) - set(frames)
-        if arm.certainty is not None and arm.certainty.payloads:
-            for name in set(rows.payload) - set(arm.certainty.payloads):
-                self._payloads[name] = self._payloads.get(name, 0) + rows.payload.count(name)
+        self._payloads.update(rows.payload)
         for number, flag in sorted(deflection.flags_by_row, key=lambda pair: pair[0]):
             limited = flag.code == "outside_limits"
             self._beyond += limited
@@ -365,8 +364,8 @@ class _Flags:
             said = flag if flag in arm.flags else replace(flag, text=f"{at}: {flag.text}")
             self._met = worst_of([*self._met.values(), said])
         for number, flags in enumerate(predicted.outside):
-            for key in dict.fromkeys((flag.code, flag.about) for flag in flags):
-                largest = max((flag for flag in flags if (flag.code, flag.about) == key), key=lambda flag: flag.size)
+            for key in dict.fromkeys(flag.kind for flag in flags):
+                largest = max((flag for flag in flags if flag.kind == key), key=lambda flag: flag.size)
                 count, row, worst = self._worst.get(key, (0, self.rows + number, largest))
                 row, worst = (self.rows + number, largest) if largest.size > worst.size else (row, worst)
                 self._worst[key] = (count + 1, row, worst)
@@ -380,28 +379,27 @@ class _Flags:
     @property
     def flags(self) -> tuple[Flag, ...]:
         """What is to be said."""
-        arm, about = self._arm, {}
+        arm, about = self._arm, list[Flag]()
         if arm.instrument is None and arm.measurement.frame == "unknown":
             text = f"the instrument's place is not known, so positions are in the base frame {arm.robot.base!r}"
-            about["base_frame"] = Flag("base_frame", text)
+            about.append(Flag("base_frame", text))
         if self._sessions:
             names = ", ".join(sorted(name or "rows without a session" for name in self._sessions))
             text = f"{names}: not among the calibrated sessions, so taken without a shift of their own"
-            about["new_session"] = Flag("new_session", text)
-        if self._payloads and arm.certainty is not None:
-            names = ", ".join(f"{name} ({count} rows)" for name, count in sorted(self._payloads.items()))
-            seen = ", ".join(arm.certainty.payloads)
-            text = f"payload {names}: the arm was calibrated under {seen} alone, and sigma does not have in it how far "
-            about["new_payload"] = Flag("new_payload", text + "its laws are off under another load")
+            about.append(Flag("new_session", text))
         derived = [derived_direction(name, unclear) for name, unclear in self._unclear.items()]
+        counts = {("new_payload", name): f"{count} rows in all" for name, count in self._payloads.items() if count > 1}
         if self._beyond > 1:
-            furthest = self._met["outside_limits"]
-            about["outside_limits"] = replace(furthest, text=f"{furthest.text} (the worst of {self._beyond} rows)")
+            counts["outside_limits", ""] = f"the worst of {self._beyond} rows"
+        met = [
+            replace(flag, text=f"{flag.text} ({counts[kind]})") if kind in counts else flag
+            for kind, flag in self._met.items()
+        ]
         worst = []
         for rows, number, flag in self._worst.values():
             more = f" (the worst of {rows} rows, {rows / self.rows:.0%} of all)" if rows > 1 else ""
             worst.append(replace(flag, text=f"row {number}: {flag.text}{more}"))
-        return (*derived, *(self._met | about).values(), *worst, *self._fitted, *self._timed.values())
+        return (*derived, *met, *about, *worst, *self._fitted, *self._timed.values())
 
 
 def _via(rows: Measurements) -> dict[str, list]:

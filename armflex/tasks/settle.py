@@ -91,7 +91,7 @@ def settle(
     if not within > 0.0:
         raise InputError(f"within must be positive, got {within} m")
     path, named = _finely(as_trajectory(trajectory, arm).with_constants(arm, covariates or {}).prepared(arm))
-    met: dict[str, Flag] = {}
+    met: dict[tuple[str, str], Flag] = {}
     settled = []
     for row, modes, size, speed in stops(path, named, partial(modes_at, arm, path)):
         settled.append(_settling(arm, path.via[row], float(path.time[row]), modes, size, speed, within))

@@ -19,7 +19,7 @@ from armflex.declaration import Declaration
 from armflex.laws.joint.linear import declared_std
 from armflex.laws.joint.log_compliance import LOOSE
 from armflex.laws.joint.position_dependent import PositionDependentLaw, by_driver
-from armflex.laws.law import Compliance, Parameter, Ranges, Row, Transform, Travel, block_diagonal, driver_of
+from armflex.laws.law import Compliance, Parameter, Ranges, Row, Transform, Travel, block_diagonal, driven_by, driver_of
 from armflex.laws.terms import Terms
 
 EXAMPLE = """
@@ -125,6 +125,11 @@ def read_telescope(table: Declaration, joint: str, ranges: Ranges) -> Telescope:
         if not value > 0.0:
             raise table.fail(name, f"expected more than 0, got {value:g}")
     driver, factor, offset = driver_of(table, joint, ranges)
+    own, times, more = driven_by(joint, ranges)
+    if own == driver and (times, more) != (factor, offset):
+        named, out = table.text("depends_on", joint), f"{times:g} {driver}{f' {more:+g} m' if more else ''}"
+        text = f"the boom is as long as its own joint {joint!r} is out, {out}, and {named!r} is "
+        raise table.fail("depends_on", f"{text}elsewhere: leave depends_on out, or declare a position_dependent law")
     length, ends = length0 + offset, ranges[driver]
     if (shortest := length + min(factor * end for end in ends)) < 0.0:
         limit = "lower" if factor > 0.0 else "upper"

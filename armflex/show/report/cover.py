@@ -17,6 +17,7 @@ from armflex.estimate import Calibration
 from armflex.estimate.held_out import held_out, pose_folds
 from armflex.estimate.identify import FittedParameter
 from armflex.estimate.view import View
+from armflex.export.sheet import joint_zeros
 from armflex.files.dh_table import in_dh_words
 from armflex.measured.measurements import Measurements
 from armflex.parameters import FRAMES, ParameterKind
@@ -207,6 +208,17 @@ def stiffness(arm: Arm, parameter: FittedParameter) -> str:
     return f"{with_std(1.0 / value / factor, std)} {prefix}{STIFF[axis[0]]}"
 
 
+def zero_rows(arm: Arm) -> Table:
+    """Return joint, and what is added to the controller's reading, where offsets or frames of joints were fitted."""
+    kinds = {group.kind for group in arm.certainty.groups} if arm.certainty is not None else set[ParameterKind]()
+    if kinds.isdisjoint((ParameterKind.OFFSET, ParameterKind.GEOMETRY)):
+        return ()
+    return tuple(
+        (joint, signed(value, std, unit) if np.isfinite(std) else "not determined")
+        for joint, (value, std, unit) in joint_zeros(arm).items()
+    )
+
+
 def account(calibration: Calibration) -> SimpleNamespace:
     """Return what the page of a calibrated arm shows."""
     fit, measurements = calibration.fit, calibration.measurements
@@ -246,6 +258,7 @@ def account(calibration: Calibration) -> SimpleNamespace:
         found=parameter_rows(calibration.arm, most)[:ON_COVER],
         found_title="Moved beyond their priors" if moved else "Moved most, against their priors",
         parameters=parameter_rows(calibration.arm, calibration.parameters),
+        zeros=zero_rows(calibration.arm),
         points=points(measurements, rows, now, before, left) if placed else [],
         point_head=POINT_HEAD,
         undetermined=reasons(calibration.arm, calibration.undetermined),

@@ -65,6 +65,7 @@ def account(trace: Trace) -> SimpleNamespace:
         heat=figures.heat(trace, left),
         left=summary.left(trace.unexplained, view.readings) if trace.unexplained else "",
         parameters=_parameters(trace),
+        zeros=cover.zero_rows(trace.arm),
         hidden=_hidden(trace),
         detectable=figures.detectable(trace.smallest, accurate.stated, view.readings) if trace.smallest else "",
         outliers=tuple(_outliers(trace)),

@@ -6,7 +6,7 @@ place of a list of all answers: its size is that of the space reached, however m
 
 import contextlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from itertools import product
 from typing import Any
@@ -147,7 +147,7 @@ def answers(question: MapQuestion, q: Array) -> Answer:
     offset that was drawn moves no answer elsewhere.
     """
     (arm, *others), parts = _kept(question), []
-    flags: dict[str, Flag] = {}
+    flags: dict[tuple[str, str], Flag] = {}
     worst = np.full(len(q), -np.inf)
     for other, payload in product(others, question.payloads):
         for rows, _, displacement, reason, _ in _outcomes(other, payload, question.options, q):
@@ -170,7 +170,7 @@ def answers(question: MapQuestion, q: Array) -> Answer:
             )
             parts.append(tally)
             for flag in met:
-                flags.setdefault(flag.code, flag)
+                flags.setdefault(flag.kind, flag)
     return Answer(joined(parts), tuple(flags.values()))
 
 
@@ -188,7 +188,9 @@ def _outcomes(arm: Arm, payload: str, options: Mapping[str, Any], q: Array) -> I
 
     for rows, answer in in_halves(asked, _swept(arm, q)):
         if not isinstance(answer, ArmflexError):
-            flags = tuple(Flag(flag.code, flag.text.partition(": ")[2]) for flag in answer.flags)  # without "row 7: "
+            flags = tuple(
+                replace(flag, text=flag.text.partition(": ")[2]) for flag in answer.flags
+            )  # without "row 7: "
             yield rows, answer.rigid_pose[:, :3, 3], np.linalg.norm(answer.displacement[:, :3], axis=1), "", flags
         elif not isinstance(answer, ClosureError):  # there the loops let no drive come
             yield rows, arm.rigid_pose(q[rows[0]]).translation[None], np.array([-np.inf]), no_answer(answer), ()
@@ -222,7 +224,7 @@ def sigmas(question: MapQuestion, q: Array, payload: np.ndarray) -> tuple[Array,
         q: (n, nq) configurations.
         payload: (n,) numbers of the payloads.
     """
-    arm, sigma, flags = _kept(question)[0], np.full(len(q), np.nan), dict[str, Flag]()
+    arm, sigma, flags = _kept(question)[0], np.full(len(q), np.nan), dict[tuple[str, str], Flag]()
     columns, pulled = question.options["covariates"], question.options["wrenches"]
 
     def asked(rows: np.ndarray) -> tuple[Array | float, tuple[Flag, ...]]:
@@ -235,7 +237,7 @@ def sigmas(question: MapQuestion, q: Array, payload: np.ndarray) -> tuple[Array,
         for rows, answer in in_halves(asked, carrying[_swept(arm, q[carrying])]) if len(carrying) else ():
             if not isinstance(answer, ArmflexError):
                 sigma[rows], met = answer
-                flags |= {flag.code: flag for flag in met}
+                flags |= {flag.kind: flag for flag in met}
     return np.where(np.isinf(sigma), np.nan, sigma), tuple(flags.values())
 
 

@@ -257,7 +257,7 @@ def map_workspace(
     if uncertainty:
         for voxels, (values, raised) in _of_worst(sigmas, question, tally, jobs, partial(tick, 1)):
             sigma[voxels] = values
-            met |= {flag.code: flag for flag in raised}
+            met |= {flag.kind: flag for flag in raised}
     if frequency:
         for voxels, values in _of_worst(frequencies, question, tally, jobs, partial(tick, 1 + uncertainty)):
             swing[voxels] = values
@@ -270,7 +270,7 @@ def map_workspace(
         reasons=tuple(NO_ANSWER),
         mean=np.where(answered, tally.total / np.maximum(tally.answered, 1), np.nan),
         worst=np.where(answered, tally.worst, np.nan),
-        sigma=sigma if np.isfinite(sigma).any() or (uncertainty and "undetermined" in met) else None,
+        sigma=sigma if np.isfinite(sigma).any() or (uncertainty and ("undetermined", "") in met) else None,
         worst_of_draws=tally.worst_of_draws if draws else None,
         frequency=swing if frequency else None,
         worst_q=tally.q,
@@ -332,9 +332,9 @@ def _edge(voxel: float | None, reach: float, rows: int) -> float:
 
 def _gathered(
     drawn: Configurations, chunks: Iterable[Answer], tick: Callable[[float], None]
-) -> tuple[Tally, dict[str, Flag]]:
+) -> tuple[Tally, dict[tuple[str, str], Flag]]:
     """Return all chunks as one tally, joined in their order, and the flags met; `tick` gets the share done."""
-    flags: dict[str, Flag] = {}
+    flags: dict[tuple[str, str], Flag] = {}
     waiting: list[Tally] = []
     done = 0
     for size, answer in zip(drawn.sizes, chunks, strict=True):
@@ -342,7 +342,7 @@ def _gathered(
         if len(waiting) > 16:  # chunks whose tallies wait to be joined with the rest, as all cells are sorted each time
             waiting = [joined(waiting)]
         for flag in answer.flags:
-            flags.setdefault(flag.code, flag)
+            flags.setdefault(flag.kind, flag)
         done += size
         tick(done / drawn.rows)
     return joined(waiting), flags

@@ -46,9 +46,17 @@ def test_a_reader_that_goes_away_stops_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_result_on_stdout_is_alone_there(tmp_path: Path) -> None:
-    ran = shell(f"{CHECK} 500mm --json /dev/stdout", tmp_path)
+@pytest.mark.parametrize("stdout", ["/dev/stdout", "-"])
+def test_a_result_on_stdout_is_alone_there(stdout: str, tmp_path: Path) -> None:
+    ran = shell(f"{CHECK} 500mm --json {stdout}", tmp_path)
     assert json.loads(ran.stdout)["ok"] and "Via-points against" in ran.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_two_results_on_stdout_are_refused(tmp_path: Path) -> None:
+    line = f"{COMMAND} predict '{HEAVY / 'arm.toml'}' '{HEAVY / 'trajectory.csv'}' -o - --json /dev/stdout"
+    ran = shell(line, tmp_path)
+    assert ran.returncode == 2 and "-o and --json both go to stdout" in ran.stderr and not ran.stdout
 
 
 @pytest.mark.slow

@@ -296,3 +296,9 @@ def test_misspelt_columns_are_not(tmp_path, name):
     rows = "".join(f"{i},{i * i},{i % 3},1,2,3,4\n" for i in range(6))
     with pytest.raises(TableError, match=f"{name}.*(did you mean|is no unit)|two columns mean .*{name}"):
         read_joint_data(write(tmp_path, f"{JOINT_HEADER},{name}\n{rows}", "a.csv"))
+
+
+def test_a_centre_of_mass_needs_a_mass(tmp_path):
+    (tmp_path / "arm.toml").write_text('[robot]\ndh = "standard"\n[robot.joint]\nA1 = { a = 1.0, com = [0, 0, 0.1] }\n')
+    with pytest.raises(ArmFileError, match=r"arm.toml:4: \[robot.joint.A1\] com: stands without the mass"):
+        load_arm(tmp_path / "arm.toml")

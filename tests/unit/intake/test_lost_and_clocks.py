@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+import struct
 from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -528,7 +529,19 @@ def test_clocks_that_agree_as_they_are_are_evidence_beside_motions_that_take_equ
 ) -> None:
     """Motions are so few that six joints explain many of them at a wrong lag, too."""
     time, joints, places = equally_long(seed, poses)
-    assert offset(time, joints, time + 0.03, places) == pytest.approx(0.03, abs=0.03)
+    assert offset(time, joints, time + 0.03, places)[0] == pytest.approx(0.03, abs=0.03)
+
+
+def test_a_clock_is_as_far_off_as_its_uncertainty_says() -> None:
+    rng, misses = np.random.default_rng(0), []
+    for seed in range(24):
+        time, joints, places = equally_long(seed, 20)
+        seen = np.arange(0.0, time[-1], 0.033) + rng.uniform(0.0, 0.033)
+        read = np.column_stack([np.interp(seen, time, x) for x in places.T]) + rng.normal(0.0, 1e-4, (len(seen), 3))
+        shift, std = offset(time, joints, seen + 0.05, read)
+        assert 1e-4 < std < 0.05
+        misses.append((shift - 0.05) / std)
+    assert 0.6 < np.sqrt(np.mean(np.square(misses))) < 1.4
 
 
 @pytest.mark.parametrize(("seed", "poses", "begins"), [(1, 9, 0), (0, 9, 110), (4, 9, 110), (0, 12, 110), (2, 24, 220)])
@@ -537,7 +550,7 @@ def test_clocks_that_are_whole_cycles_apart_are_told_by_how_far_places_are_from_
 ) -> None:
     """A motion and a stand take 2.2 s, and the tracker begins where it begins."""
     time, joints, places = equally_long(seed, poses)
-    assert offset(time, joints, time[begins:] - 2.2, places[begins:]) == pytest.approx(-2.2, abs=0.03)
+    assert offset(time, joints, time[begins:] - 2.2, places[begins:])[0] == pytest.approx(-2.2, abs=0.03)
 
 
 @pytest.mark.parametrize(("seed", "poses", "cut"), [(15, 6, (100, 220)), (24, 6, (170, 170)), (20, 7, (150, 330))])
@@ -716,6 +729,20 @@ def test_poses_again_and_again_are_no_evidence_of_clocks(
     time, joints, places = equally_long(seed, poses, unlike)
     seen = slice(begins, len(places) - ends)
     try:
-        assert offset(time, joints, time[seen] - 2.2, places[seen]) == pytest.approx(-2.2, abs=0.03)
+        assert offset(time, joints, time[seen] - 2.2, places[seen])[0] == pytest.approx(-2.2, abs=0.03)
     except InputError as error:
         assert "move alike at several differences" in str(error)
+
+
+def test_a_capture_with_more_frames_than_it_states_is_refused(tmp_path: Path) -> None:
+    path = c3d(tmp_path)
+    data = bytearray(path.read_bytes())
+    first, last = struct.unpack("<2H", data[6:10])
+    frames = (last - first + 1) // 2
+    data[8:10] = struct.pack("<H", first + frames - 1)
+    at = data.index(b"FRAMES") + len("FRAMES") + 2  # then a type of words of 2 bytes, and no dimension or one
+    at += 3 if data[at + 1] else 2
+    data[at : at + 2] = struct.pack("<H", frames)
+    path.write_bytes(data)
+    with pytest.raises(InputError, match=rf"take.c3d: has the numbers of \d+ frames or more, and states {frames}"):
+        intake([log(tmp_path), path], 5e-5)

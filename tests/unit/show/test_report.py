@@ -37,6 +37,7 @@ SECTIONS = (
     "before-and-after",
     "where",
     "left",
+    "zeros",
     "parameters",
     "not-told",
     "next",
