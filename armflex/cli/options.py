@@ -7,7 +7,7 @@ import json
 import os
 import sys
 import tomllib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -158,21 +158,17 @@ class Command(click.Command):
         if any(is_stdout(path) for _, path in outputs):
             result_on_stdout()
         context.meta[__name__] = context.params.pop("json_path")
-        each = [
-            (parameter, path)
-            for parameter, several in paths.items()
-            for path in (several if isinstance(several, tuple) else (several,))
-        ]
-        self._check_kinds(
-            [(_file(parameter), path) for parameter, path in each if path is not None and _file(parameter) in FILES]
-        )
+        self._check_kinds(paths)
         with showing_stages(f"reading {listing((path.name for path in inputs), 3)}"):
             return super().invoke(context)
 
-    def _check_kinds(self, given: Sequence[tuple[str, Path]]) -> None:
+    def _check_kinds(self, paths: Mapping[click.Parameter, Any]) -> None:
         """Raise `InputError` where a table is given as the arm, or an arm as a table, as when they are exchanged."""
-        suffixes = {name: TABLES if name == "ARM" else (".toml", *ROBOTS) for name, _ in given}
-        wrong = [(name, path) for name, path in given if path.suffix.lower() in suffixes[name]]
+        wrong = list[tuple[str, Path]]()
+        for parameter, several in paths.items():
+            name, suffixes = _file(parameter), TABLES if _file(parameter) == "ARM" else (".toml", *ROBOTS)
+            each = several if isinstance(several, tuple) else (several,)
+            wrong += [(name, path) for path in each if name in FILES and path and path.suffix.lower() in suffixes]
         if not wrong:
             return
         said = ", ".join(f"{path} is no {'arm' if name == 'ARM' else 'table'} ({name})" for name, path in wrong)
@@ -287,47 +283,26 @@ anyway = click.option("--anyway", is_flag=True,
                            "convention.")  # fmt: skip
 
 
+sigma_r = click.option("--sigma-r", type=Quantity("angle"), metavar="0.5mrad",
+                       help="Standard deviation of a recorded orientation, in files as they are; without it "
+                            "orientations are not used.")  # fmt: skip
+target = click.option("--target", "targets", multiple=True, metavar="NAME",
+                      help="Topic, frame, body or marker of a recording that is the target; repeat it for several "
+                           "targets.")  # fmt: skip
+joints = click.option("--joints", multiple=True, metavar="TOPIC",
+                      help="Topic of a recording that has the joints, where several have the same ones; repeat it for "
+                           "several.")  # fmt: skip
+take = click.option("--take", multiple=True, metavar="COLUMN=MEANING",
+                    help="Meaning of a column whose name does not state it: q_J1_deg, x_mm, qw, pose, time, payload, "
+                         "session; unused leaves it out.")  # fmt: skip
+sigma = click.option("--sigma", type=Quantity("length"), metavar="0.05mm",
+                     help="Standard deviation of a measured coordinate, for a log and a tracker's export as they "
+                          "are.")  # fmt: skip
+
+
 def as_they_are(function: Callable) -> Callable:
-    """Add what is asked of files that are read as they are, see `taken_in`: `sigma`, `sigma_r`, `take`, `targets`,
-    `joints`.
-    """
-    for option in (
-        click.option(
-            "--sigma-r",
-            type=Quantity("angle"),
-            metavar="0.5mrad",
-            help="Standard deviation of a recorded orientation, in files as they are; without it orientations are not "
-            "used.",
-        ),
-        click.option(
-            "--target",
-            "targets",
-            multiple=True,
-            metavar="NAME",
-            help="Topic, frame, body or marker of a recording that is the target; repeat it for several targets.",
-        ),
-        click.option(
-            "--joints",
-            multiple=True,
-            metavar="TOPIC",
-            help="Topic of a recording that has the joints, where several have the same ones; repeat it for several.",
-        ),
-        click.option(
-            "--take",
-            multiple=True,
-            metavar="COLUMN=MEANING",
-            help="Meaning of a column whose name does not state it: q_J1_deg, x_mm, qw, pose, time, payload, session; "
-            "unused leaves it out.",
-        ),
-        click.option(
-            "--sigma",
-            type=Quantity("length"),
-            metavar="0.05mm",
-            help="Standard deviation of a measured coordinate, for a log and a tracker's export as they are.",
-        ),
-    ):
-        function = option(function)
-    return function
+    """Add what is asked of files that are read as they are, see `taken_in`."""
+    return sigma(take(joints(target(sigma_r(function)))))
 
 
 def taken_in(
