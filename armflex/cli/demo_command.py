@@ -70,12 +70,7 @@ def command(output: Path) -> None:
 
 
 def _copy_robot(folder: Path) -> None:
-    """Copy the robot's files, leaving those that are there: an edited arm.toml is what the next run is about.
-
-    Raises:
-        InputError: The result for programs would replace a file that is kept or written on the way.
-        FileError: The folder cannot be written.
-    """
+    """Copy the robot's files, leaving those that are there: an edited arm.toml is what the next run is about."""
     files, json_path = list(bundled_robot("tarm_like").iterdir()), options.json_path()
     kept = [*(folder.parent / name for name in WRITTEN), *folder.glob("*"), *(folder / file.name for file in files)]
     if json_path is not None and any(options.same_file(json_path, file) for file in kept):

@@ -562,12 +562,6 @@ def _nearest(moving: Sequence[Misreading], seen: SeenRows, case: Case, fitted: M
 
     They move points by parts of the reach, and explain nothing where the arm, only placed, comes no nearer. One in
     which a loop does not close is none.
-
-    Args:
-        moving: Hypotheses.
-        seen: The rows of the case as written.
-        case: It.
-        fitted: How it fits.
     """
     sessions = case.sessions
     of_session = [sessions == name for name in dict.fromkeys(sessions.tolist())]
@@ -673,13 +667,7 @@ def _likeliest_turns(turned: Sequence[Misreading], case: Case, fitted: Misfit | 
 
 
 def _rows_of(change: Array, carrying: np.ndarray, fitted: Misfit) -> np.ndarray:
-    """Return (M,) in which of the rows that carry something else a hypothesis holds: where less is left with it.
-
-    Args:
-        change: (M, d) by how much its readings change.
-        carrying: (M,) which rows those are.
-        fitted: The campaign as written.
-    """
+    """Return (M,) in which of the rows that carry something else a hypothesis holds: where less is left with it."""
     chosen, where, after = np.zeros(len(carrying), bool), fitted.view.foremost, fitted.explained
     for number in range(FEW):
         here = after.left + np.where(chosen[:, None], change, 0.0)

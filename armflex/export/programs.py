@@ -429,11 +429,7 @@ def _axes(arm: Arm, language: Language, text: str) -> dict[str, int]:
 
 
 def _blends(path: Trajectory) -> list[float]:
-    """Return the blend of each row [m], 0 where it has none; a path ends at rest, so its last row has none.
-
-    Raises:
-        InputError: There are several columns of blends, or one is negative.
-    """
+    """Return the blend of each row [m], 0 where it has none, as at the end; raise of several columns, or below 0."""
     factors = {"blend": 1.0} | {f"blend_{unit}": factor for unit, factor in UNITS["length"].items()}
     given = [name for name in path.covariates if name in factors]
     if len(given) > 1:

@@ -275,11 +275,7 @@ class _Types:
 
 
 def _mcap(path: Path) -> Iterator[tuple[str, str, float, Any]]:
-    """Yield the messages of an MCAP file in the order in which they were written.
-
-    Raises:
-        _Cut: The file ends before its footer.
-    """
+    """Yield the messages of an MCAP file as they were written; `_Cut` where it ends before its footer."""
     try:
         from mcap.data_stream import ReadDataStream
         from mcap.opcode import Opcode
@@ -397,11 +393,7 @@ def _opened(path: Path) -> tuple[sqlite3.Connection, bool]:
 
 
 def _sqlite(path: Path) -> Iterator[tuple[str, str, float, Any]]:
-    """Yield the messages of a rosbag2 in SQLite in the order in which they were written.
-
-    Raises:
-        _Cut: A page of it is missing.
-    """
+    """Yield the messages of a rosbag2 in SQLite as they were written; `_Cut` where a page is missing."""
     types, (base, short) = _Types(), _opened(path)
     with closing(base):
         try:

@@ -37,14 +37,7 @@ def _body(
 ) -> list[SourceTable]:
     """Return a body or a marker, none where it was lost in every frame.
 
-    Args:
-        path: The file.
-        part: Its name.
-        lines: (N,) line of each frame.
-        time: (N,) [s].
-        place: (N, 3) in `unit`; '' where that is stated nowhere.
-        unit: Of the place.
-        turn: (N, 4) quaternion x y z w.
+    Of (N,) frames it has (N, 3) places in a unit, '' where that is stated nowhere, and (N, 4) quaternions x y z w.
     """
     if lost(place).all():
         return []
@@ -55,11 +48,7 @@ def _body(
 
 
 def _values(path: Path, lines: Sequence[int], rows: Sequence[Sequence[str]], at: Sequence[int]) -> Array:
-    """Return (N, k) numbers of some columns, not a number where nothing was read.
-
-    Raises:
-        TableError: A cell is neither, or a row ends between those of the columns.
-    """
+    """Return (N, k) numbers of some columns, nan where nothing was read; raise where a cell is neither, or missing."""
     values = np.full((len(rows), len(at)), np.nan)
     for i, cells in enumerate(rows):
         if min(at) < len(cells) <= max(at):

@@ -177,12 +177,7 @@ def goes_back(time: Array, values: Array) -> int | None:
 
 
 def _seconds(text: str, american: bool) -> float | None:
-    """Return the time that a text says [s]; of a clock without a day since midnight.
-
-    Args:
-        text: It.
-        american: Whether the month is before the day in days with slashes.
-    """
+    """Return the time that a text says [s], of a clock without a day since midnight; an American month is first."""
     try:
         date = datetime.fromisoformat(text)
         return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()

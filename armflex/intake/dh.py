@@ -373,13 +373,7 @@ def _limits(
 def _bodies(
     source: SourceTable, ask: Ask | None, unused: Collection[str]
 ) -> tuple[Array, list[tuple[str, str, str, str]], list[str]]:
-    """Return (n, 4) masses [kg] and their centres [m] in the rows' frames, what their columns are, and what is wrong.
-
-    Args:
-        source: The table.
-        ask: Asks where a unit is open.
-        unused: Names of columns that are left out.
-    """
+    """Return (n, 4) masses [kg] and their centres [m] in the rows' frames, their columns, and what is wrong."""
     bodies, taken, wrong = np.zeros((len(source.lines), 4)), list[tuple[str, str, str, str]](), list[str]()
     given, masses = set[int](), ""
     for header, column in zip(source.header, source.columns, strict=True):

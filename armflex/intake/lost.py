@@ -84,11 +84,7 @@ def without_lost(source: Source, meant: Sequence[Meaning], counted: bool = True)
 
 
 def _unread(source: SourceTable, meaning: Meaning, cells: Sequence[str], counted: bool) -> np.ndarray:
-    """Return (N,) where a column says that nothing was read.
-
-    Raises:
-        TableError: It has states, and which of them are readings is not known.
-    """
+    """Return (N,) where a column says that nothing was read; raise where its states do not say which are readings."""
     asked = meaning.why == "as asked"
     match = STATE.fullmatch((meaning.name if asked else meaning.column).strip()) if meaning.name else None
     kind = match.lastgroup if match else ""

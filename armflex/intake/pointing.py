@@ -191,11 +191,7 @@ def _read_tpoint(path: Path, lines: Sequence[str]) -> Run:
 
 
 def _form(path: Path, row: tuple[int, str], count: int, mounts: Sequence[str]) -> tuple[str, int]:
-    """Return what a row has, in words, and how many numbers that are.
-
-    Raises:
-        TableError: It is none of the forms, or a place of a catalogue, or the kind of mount is open.
-    """
+    """Return what a row has, in words, and how many numbers that are; raise for none, or an open kind of mount."""
     place, cells = Place(path, row[0]), row[1].split()
     equinox = next((cell for cell in cells[6:9] if re.fullmatch(r"[JB]?(?:1[89]|2[01])\d\d(?:\.\d*)?", cell)), None)
     if count >= 8 and equinox is not None:
@@ -357,11 +353,7 @@ def _instrument_text(run: Run) -> str:
 
 
 def _mount_text(run: Run) -> str:
-    """Return an arm file of a mount with the two axes of a run; of an equatorial one the base's z is at the pole.
-
-    Raises:
-        InputError: The latitude of an equatorial one is not stated.
-    """
+    """Return an arm file of a mount with the two axes of a run; of an equatorial one the base's z is at the pole."""
     down = [0.0, 0.0, -STANDARD_GRAVITY]
     if run.joints == MOUNTS["EQUAT"]:
         if run.latitude is None:

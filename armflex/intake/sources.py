@@ -205,11 +205,7 @@ def read_table_source(path: Path) -> SourceTable:
 
 
 def _units_of(source: SourceTable) -> list[str]:
-    """Return what a column that states the unit of each row says, as a comment does.
-
-    Raises:
-        TableError: Rows are in different units.
-    """
+    """Return what a column with the unit of each row says, as a comment does; raise where they differ."""
     at = next((i for i, name in enumerate(source.header) if UNITS_COLUMN.fullmatch(name.strip())), None)
     cells = [] if at is None else [str(cell) for cell in source.columns[at]]
     given = dict.fromkeys(filter(None, (cell.strip(" []()").lower() for cell in cells)))

@@ -108,12 +108,7 @@ def joined(campaigns: Sequence[Measurements], arm: Arm) -> Measurements:
 
 
 def _named(campaigns: Sequence[Measurements]) -> dict[str, Measurements]:
-    """Return campaigns by the name of their files; a further one of that name has its number.
-
-    Raises:
-        InputError: One is given twice.
-        UnsupportedError: Several of them touch sockets.
-    """
+    """Return campaigns by file name, a further one with its number; refuse one given twice, or several with sockets."""
     given: dict[str, Measurements] = {}
     for number, campaign in enumerate(campaigns, 1):
         file = campaign.places[0].file if campaign.places else None

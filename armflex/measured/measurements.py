@@ -462,11 +462,7 @@ DATE = re.compile(r"\d{4}-\d\d-\d\d(?:[T ].*)?")
 
 
 def _dates(table: Table) -> list[datetime] | None:
-    """Return when each row was, None where the column time has numbers or is not there.
-
-    Raises:
-        TableError: A cell is no date where the first is one, or only some say how far they are from UTC.
-    """
+    """Return when each row was, None without dates; raise where a cell is none, or only some are of UTC."""
     cells = table.texts("time") if "time" in table.columns else ()
     if not cells or table.columns["time"].unit or not DATE.fullmatch(cells[0]):
         return None

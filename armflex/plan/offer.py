@@ -225,11 +225,7 @@ def around(reach: Reach, setup: Setup, box: Array, width: float, each: int, rng:
 
 
 def _offer(reach: Reach, setup: Setup, box: Array) -> Offer:
-    """Return those of (N, b) rows that the arm can hold above the floor and beside its own column.
-
-    Raises:
-        InputError: There are none.
-    """
+    """Return those of (N, b) rows that the arm can hold above the floor and beside its own column; raise for none."""
     rows, there = on_contact(reach, setup, reach.rows(box))
     if not there.any():
         names = listing(dict.fromkeys(socket for sockets in reach.touching.values() for socket in sockets))
@@ -301,11 +297,7 @@ def _clearances(arm: Arm, rows: Rows, view: View) -> tuple[Array, Array]:
 
 
 def _held(arm: Arm, rows: Rows) -> tuple[np.ndarray, Counter[str]]:
-    """Return the numbers of the rows that have a stable equilibrium, and how many have not, by reason.
-
-    Raises:
-        InputError: None has.
-    """
+    """Return the numbers of the rows with a stable equilibrium, and how many have none, by reason; raise for none."""
     columns, dropped = known_rows(arm, rows), Counter[str]()
 
     def deflected(picked: np.ndarray) -> DeflectionBatch:

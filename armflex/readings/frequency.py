@@ -75,11 +75,7 @@ class Frequency(Kind):
         return matched
 
     def _matched(self, at: Postures, row: int) -> float:
-        """Return the frequency of the mode that a row reads [Hz].
-
-        Raises:
-            InputError: The arm has no such mode.
-        """
+        """Return the frequency of the mode that a row reads [Hz]; raise where the arm has no such mode."""
         about = at.sensors[self.name].about
         assert isinstance(about, Swing)
         frequencies, shapes = at.swing(row)

@@ -189,9 +189,7 @@ def _nearest(turn: Array) -> Array:
 def _hand_eye(links: Array, boards: Array) -> tuple[Array, Array, Array, Array]:
     """Return place (3,) [m] and rotation vector (3,) [rad] of X and of Z in A X B = Z, weighed anew by what is left.
 
-    Args:
-        links: (N, 4, 4) A, the link that the camera is on, in that of the board [m].
-        boards: (N, 4, 4) B, the board before the camera [m].
+    A (N, 4, 4) is the link that the camera is on, in that of the board; B (N, 4, 4) the board before the camera [m].
     """
     weights, eye, board = np.ones(len(links)), np.eye(4), np.eye(4)
     for _ in range(ROUNDS):

@@ -266,13 +266,7 @@ def _drawn(precision: Array, rng: np.random.Generator) -> Array:
 
 
 def _posterior(screen: Screen, places: Places, readings: Array) -> Array:
-    """Return the (S + 1,) probabilities of all laws and places where one effect at most is missing; last: of nothing.
-
-    Args:
-        screen: The hypotheses.
-        places: Their laws and places.
-        readings: (n,) whitened readings.
-    """
+    """Return the (S + 1,) probabilities of all laws and places, last: of nothing, given (n,) whitened readings."""
     projection = screen.projection
     left = float(readings @ projection.left_of(readings))
     evidence = screen.with_readings(screen.scores_of(readings[:, None])[:, 0], left)
