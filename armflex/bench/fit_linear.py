@@ -108,12 +108,7 @@ def least_scatter(deflections: Array) -> float:
 
 
 def fit_polynomial(loads: Array, deflections: Array, features: str | Sequence[str]) -> PolynomialLaw:
-    """Return the polynomial law of (N, k) loads [N, Nm] and deflections [m, rad].
-
-    Args:
-        loads: (N, k), k = 3 or 6.
-        deflections: (N, k).
-        features: What the deflection is linear in besides the components; see `features_of`.
+    """Return the polynomial law of (N, k) loads [N, Nm] and deflections [m, rad], linear in loads and `features_of`.
 
     Raises:
         UnknownNameError: No such feature.

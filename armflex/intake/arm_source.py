@@ -83,12 +83,7 @@ class ArmSource:
         return replace(log, meant=tuple(meant)), []
 
     def described(self, joined: Intake, beside: Path, tracked: bool) -> Intake:
-        """Return a campaign with the arm file, where anything describes the arm.
-
-        Args:
-            joined: The campaign.
-            beside: Its folder.
-            tracked: Whether its first target is read.
+        """Return a campaign, beside which its files are, with the arm file, where anything describes the arm.
 
         Raises:
             TableError: The table has more or fewer rows than the log has joints.

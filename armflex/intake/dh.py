@@ -312,12 +312,8 @@ def _limits(
 ) -> tuple[Array, list[tuple[str, str, str, str]], list[str]]:
     """Return (n, 2) limits [rad or m], what their columns are, and what is wrong with them.
 
-    Args:
-        source: The table.
-        slides: (n,) which joints slide.
-        turned: Whether theta has a constant beside the joint's position.
-        lengths: Unit of d, which limits of joints that slide have where theirs is not stated.
-        unused: Names of columns that are left out.
+    Theta may have a constant beside the joint's position, so that it is `turned`. What slides has limits in the unit of
+    d, `lengths`, where theirs is not stated.
     """
     limits, taken, wrong = np.full((len(slides), 2), np.nan), list[tuple[str, str, str, str]](), list[str]()
     marked = np.zeros(len(slides), dtype=bool)

@@ -57,10 +57,7 @@ MOST_STATES = 8
 def without_lost(source: Source, meant: Sequence[Meaning], counted: bool = True) -> Source:
     """Return a file whose coordinates and orientations are empty where its target was lost; a note says how often.
 
-    Args:
-        source: The file.
-        meant: What its columns are; x, y and z among them, in any unit.
-        counted: Whether a column of states is of the instrument, and not of a controller that has one of its own.
+    Columns of states are `counted` where they are of the instrument, and not of a controller that has one of its own.
 
     Raises:
         TableError: The target is lost in every row, or a column of states does not say in which.

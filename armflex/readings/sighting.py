@@ -47,10 +47,7 @@ of the board on its own."""
 def sighted(sight: Sighting, focal: Array | None, centre: Array | None, lens: Array) -> Found | None:
     """Return lens, mounting and board in closed form, None where too little of the board was seen.
 
-    Args:
-        sight: The pictures.
-        focal, centre: (2,) of the lens [px], None where they are not known.
-        lens: (5,) its distortion, dimensionless.
+    Focal lengths and centre are (2,) [px], None where they are not known, the distortion (5,).
     """
     given = [None if parameter is None else parameter.tobytes() for parameter in (focal, centre, sight.image)]
     boards = _boards(sight.points.tobytes(), sight.corners.tobytes(), lens.tobytes(), *given)

@@ -152,11 +152,7 @@ class Robot:
         return positions
 
     def stray(self, given: Mapping[str, ArrayLike]) -> tuple[int, str] | None:
-        """Return the first row where a joint is given elsewhere than the given one that it mimics puts it, and a text.
-
-        Args:
-            given: As of `side_positions`.
-        """
+        """Return the first row of `side_positions` with a joint elsewhere than what it mimics puts it, and a text."""
         at = self.side_positions(given)
         for name, wanted in self._followers(at).items():
             # To which positions are mostly shown and written down [rad or m]: 0.01 degrees, 0.1 mm

@@ -317,9 +317,7 @@ def doubtful_tolerance(tolerance: float, reach: float, angle: float | None = Non
 def turned_further(bent: float, turned: float) -> tuple[Flag, ...]:
     """Return a flag where a position is held at the cost of how the tip is turned.
 
-    Args:
-        bent: How far bending alone turns the tip at most [rad].
-        turned: How far it is turned at most from where it is meant [rad].
+    It is `turned` from where it is meant, and `bent` by bending alone, at most [rad].
     """
     # Times as far as bending alone turns the tip, from which on it is said that a path holds its position alone
     if not turned > 2.0 * bent:

@@ -174,13 +174,9 @@ def rehearse(
 
 
 def simulated(arm: Arm, rows: Rows, sigma: float, rng: np.random.Generator) -> Measurements:
-    """Return the campaign that an arm without any further effect would give, all its instruments read.
+    """Return the campaign that an arm without further effects would give, all instruments read, positions to sigma [m].
 
-    Args:
-        arm: The arm.
-        rows: What is driven; a row whose pose begins with `to ` is not read.
-        sigma: Standard deviation of a position read [m].
-        rng: Of the noise.
+    Rows are what is driven; one whose pose begins with `to ` is not read.
     """
     bare = Rows.__dataclass_fields__
     rows = Rows(**{name: getattr(rows, name) for name in bare})
