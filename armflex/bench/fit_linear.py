@@ -99,12 +99,8 @@ def least_squares(regressors: Array, readings: Array) -> Array:
 def scatter_of(deflections: Array, residual: Array, parameters: float) -> Array:
     """Return the standard deviation of each column of (N, ...) residuals, of which so many parameters were fitted."""
     freedom = max(len(residual) - parameters, 1.0)
-    return np.maximum(np.sqrt((residual**2).sum(axis=0) / freedom), least_scatter(deflections))
-
-
-def least_scatter(deflections: Array) -> float:
-    """Return the scatter that a fit has at least: a column may be followed exactly."""
-    return max(1e-12 * float(np.abs(deflections).max()), 1e-30)
+    least = max(1e-12 * float(np.abs(deflections).max()), 1e-30)  # a column may be followed exactly
+    return np.maximum(np.sqrt((residual**2).sum(axis=0) / freedom), least)
 
 
 def fit_polynomial(loads: Array, deflections: Array, features: str | Sequence[str]) -> PolynomialLaw:

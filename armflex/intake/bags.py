@@ -365,12 +365,6 @@ def _of_chunk(path: Path, data: bytes, *, whole: bool) -> Iterator[tuple[int, by
         at += 9 + length
 
 
-def _is_cdr(path: Path, topic: str, form: str) -> bool:
-    if form != "cdr":
-        raise TableError(Place(path), f"{topic} is in {form}: expected cdr")
-    return True
-
-
 def _opened(path: Path) -> tuple[sqlite3.Connection, bool]:
     """Return a file of SQLite, of one that was cut its whole pages, and whether it was cut (sqlite.org, "File Format").
 
@@ -404,11 +398,11 @@ def _sqlite(path: Path) -> Iterator[tuple[str, str, float, Any]]:
                 texts = base.execute("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
                 for name, form, text in texts:
                     types.define(name, form, text)
-            topics = {
-                number: (topic, kind)
-                for number, topic, kind, form in base.execute("SELECT id, name, type, serialization_format FROM topics")
-                if kind.split("/")[-1] not in WANTED or _is_cdr(path, topic, form)
-            }
+            topics = {}
+            for number, topic, kind, form in base.execute("SELECT id, name, type, serialization_format FROM topics"):
+                if form != "cdr" and kind.split("/")[-1] in WANTED:
+                    raise TableError(Place(path), f"{topic} is in {form}: expected cdr")
+                topics[number] = topic, kind
             for number, stamp, data in base.execute("SELECT topic_id, timestamp, data FROM messages"):
                 topic, kind = topics[number]
                 name = kind.split("/")[-1]

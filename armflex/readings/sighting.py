@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
+from armflex.readings.end import rigid_motion
 from armflex.readings.lens import distorted
 
 FEWEST = 4
@@ -165,16 +166,11 @@ def pose_of(points: Array, pictures: Array) -> Array:
         flat = there[:, :2] / depth
         change = np.zeros((len(points), 2, 3))
         change[:, 0, 0], change[:, 1, 1], change[:, :, 2] = 1.0, 1.0, -flat
-        moved = np.concatenate([np.tile(np.eye(3), (len(points), 1, 1)), -_cross(there)], axis=2)
-        rows = (change / depth[:, :, None] @ moved).reshape(-1, 6)
+        rows = (change / depth[:, :, None] @ rigid_motion(there)).reshape(-1, 6)
         step = np.linalg.lstsq(rows, (pictures - flat).ravel(), rcond=None)[0]
         turn: Array = pin.exp3(np.asarray(step[3:], dtype=float))
         pose[:3, :3], pose[:3, 3] = turn @ pose[:3, :3], turn @ pose[:3, 3] + step[:3]
     return pose
-
-
-def _cross(vectors: Array) -> Array:
-    return np.array([pin.skew(vector) for vector in vectors])
 
 
 def _nearest(turn: Array) -> Array:
