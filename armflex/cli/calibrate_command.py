@@ -55,9 +55,7 @@ def command(
         raise InputError(f"{arm_path}: no flexure has learn = true: there is no law for --sample")
     measurements = measured(arm)
     with enough_memory(f"{len(measurements)} rows"), progress("calibrating: steps of the fit") as tick:
-        calibration = calibrate(
-            arm, measurements, progress=lambda done, most: tick(done, None), keep=keep, anyway=anyway
-        )
+        calibration = calibrate(arm, measurements, progress=lambda done, _: tick(done, None), keep=keep, anyway=anyway)
     samples = None
     if sample:
         with progress("sampling") as tick:

@@ -129,9 +129,7 @@ def _paper_joint(folder: Path) -> dict[str, float]:
             arm = load_arm(folder / "arm.toml", preset=preset)
         deflection = _straight(arm, allow_large=True)
         wrist = [i for i, name in enumerate(deflection.names.flexures) if name.startswith("A4")]
-        gives, turns = (
-            np.linalg.norm(deflection.twists[wrist][:, part], axis=1).max() for part in (slice(3), slice(3, 6))
-        )
+        gives, turns = (np.linalg.norm(deflection.twists[wrist][:, at], axis=1).max() for at in (slice(3), slice(3, 6)))
         moves = shifts[preset or "assumed"] = float(np.linalg.norm(deflection.displacement[:3]))
         verdict = "a machine"
         if any(flag.code == "large_sag" for flag in deflection.flags):

@@ -143,9 +143,7 @@ class Command(click.Command):
             if isinstance(parameter.type, click.Path)
         }
         given = {parameter: path for parameter, path in paths.items() if isinstance(path, Path)}
-        outputs = [
-            (parameter.opts[0], path) for parameter, path in given.items() if isinstance(parameter.type, OutputPath)
-        ]
+        outputs = [(option.opts[0], path) for option, path in given.items() if isinstance(option.type, OutputPath)]
         inputs = [path for parameter, path in given.items() if not isinstance(parameter.type, OutputPath)]
         inputs += [path for parameter, several in paths.items() if parameter.nargs == -1 for path in several or ()]
         read = [file for path in inputs for file in named_files(path)]

@@ -698,9 +698,8 @@ def _moves(case: Case, fitted: Misfit) -> Iterator[Misreading]:
         read = np.flatnonzero(np.isfinite(kind.sigma).all(axis=1))
         if away := kind.some(read).elsewhere(view.at.some(read)):
             yield elsewhere(case.arm, sensors[kind.name], f"{kind.title}: {away}")
-        asked = [
-            (kind.name, kind.title if kind.name else "the instrument", fitted.explained.left[:, place], case.sessions)
-        ]
+        left = fitted.explained.left[:, place]
+        asked = [(kind.name, kind.title if kind.name else "the instrument", left, case.sessions)]
         if not kind.name:
             tip = np.einsum("nji,nj->ni", view.at.axes @ view.line.tip[:, :3, :3], fitted.explained.left[:, place])
             asked.append(("target", "the target", tip, np.zeros(len(tip))))

@@ -359,10 +359,8 @@ def path_of(
         return path, (notes,), (), _head(path, what, arm_file)
     path, flags = (path, ()) if table_path is None else path.under(read_force_table(table_path, arm), arm)
     compensation = compensated(arm, path, covariates=covariates)
-    before, (after, sigma) = (
-        float(max(np.linalg.norm(row.before[:3]) for row in compensation.rows)),
-        compensation.remains_m,
-    )
+    before = float(max(np.linalg.norm(row.before[:3]) for row in compensation.rows))
+    after, sigma = compensation.remains_m
     relative = compensation.relative_sigma_m
     plus_minus = "" if relative is None else f" ± {relative * 1e3:.2g}"
     left = f"of {number(before * 1e3, 3)} mm at most {number(after * 1e3, 2)}{plus_minus} mm"

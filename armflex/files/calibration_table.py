@@ -253,13 +253,8 @@ def doubts(table: Declaration, arm: Arm) -> Iterator[Flag]:
     """Yield flags about what [calibration] made of an arm that no campaign is likely to have shown."""
     corrections, tool = arm.corrections, np.zeros(3) if arm.instrument is None else arm.instrument.target
     offsets = of_offsets(arm.robot)
-    deviating = [
-        (
-            offsets,
-            [corrections.joint_offset.get(str(offset.group.of), 0.0) for offset in offsets],
-            arm.prior.joint_offset,
-        )
-    ]
+    zeros = [corrections.joint_offset.get(str(offset.group.of), 0.0) for offset in offsets]
+    deviating = [(offsets, zeros, arm.prior.joint_offset)]
     for name, values in corrections.geometry.items():
         deviating.append((of_motions(ParameterKind.GEOMETRY, [name]), values.tolist(), arm.prior.geometry))
     deviating += [(of_compliance(name), values.tolist(), arm.prior.compliance) for name, values in arm.factors.items()]

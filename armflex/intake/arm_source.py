@@ -47,9 +47,7 @@ class ArmSource:
                 return slides
             kinds = [name in slides for name in self.joints]
         ordered = base_to_tip(names) or list(names)
-        return (
-            [name for name, slides in zip(ordered, kinds, strict=True) if slides] if len(ordered) == len(kinds) else []
-        )
+        return [name for name, slid in zip(ordered, kinds, strict=True) if slid] if len(ordered) == len(kinds) else []
 
     def named(self, log: Record) -> tuple[Record, list[str]]:
         """Return a log with its joints as the robot's file calls them, and what is wrong.

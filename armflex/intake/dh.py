@@ -81,9 +81,7 @@ COUNT = re.compile(r"[^\W\d_]*[ _]?(\d+)(?:\.0*)?", re.IGNORECASE)
 """Columns that count the rows, and their cells: 1, J1, Joint 1."""
 
 VARIABLE = r"(?P<variable>(?:(?:q|theta|θ|ϑ|th)_?(?P<turning>\d*)\*?|d_?(?P<sliding>\d*)\*))"
-CELLS = [
-    re.compile(pattern) for pattern in (CONSTANT, rf"{VARIABLE}(?:(?=[+-]){CONSTANT})?", rf"{CONSTANT}\+{VARIABLE}")
-]
+CELLS = [re.compile(form) for form in (CONSTANT, rf"{VARIABLE}(?:(?=[+-]){CONSTANT})?", rf"{CONSTANT}\+{VARIABLE}")]
 """A number, also of pi; a joint's variable; and both: q2-90, -pi/2."""
 
 BEFORE = re.compile(r"(?:alpha|α|a)[_ ]?\(?i ?- ?1\)?")
@@ -216,9 +214,7 @@ def read_dh(source: SourceTable, form: str | None, ask: Ask | None, asked: Mappi
     lengths = next((unit for title, what, unit, _ in taken if what == "DH d"), "")
     limits, ends, of_limits = _limits(source, slides, bool((theta + home + offset).any()), lengths, unused)
     bodies, weighing, of_bodies = _bodies(source, ask, unused)
-    beside, about = _beside(
-        source, {at for at, _ in columns.values()}, {title for title, *_ in (*ends, *weighing)}, unused
-    )
+    beside, about = _beside(source, {i for i, _ in columns.values()}, {name for name, *_ in (*ends, *weighing)}, unused)
     form, why, open_ = _form(source, form, ask, khalil)
     if columns.keys().isdisjoint(("theta", "offset", "home")):
         text = "no column has theta, the angle of each row where its joint is at 0: --take 'COLUMN=theta' says which it"
@@ -360,9 +356,7 @@ def _limits(
             wrong.append(f"{source.path}: {header!r} {text}: write it as {example!r}, or --take '{header}=unused'")
         elif read.any():
             limits[read] *= units[of]
-            taken = [
-                (title, what, stated or of, why or f"a value of {largest:g}") for title, what, stated, why in taken
-            ]
+            taken = [(name, what, stated or of, why or f"a value of {largest:g}") for name, what, stated, why in taken]
     return limits, taken, wrong
 
 

@@ -221,9 +221,7 @@ def unread_orientation(columns: Mapping[str, object]) -> list[str]:
             return [called[name] for name in names]
     for stem, parts in by_stem(columns).items():
         if (axes := ends(parts)) in QUATERNIONS:
-            squares = [
-                np.square(values) for values in map(columns.get, parts.values()) if isinstance(values, np.ndarray)
-            ]
+            squares = [np.square(part) for part in map(columns.get, parts.values()) if isinstance(part, np.ndarray)]
             if len(squares) == 4 and np.isclose(sum(squares), 1.0, atol=2.0 * ROUNDED).all():
                 return [parts[axis] for axis in axes[1:] + axes[0]]
         elif axes == "xyz" and TURNED.fullmatch(stem):

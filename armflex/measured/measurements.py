@@ -144,9 +144,7 @@ class Measurements(Rows, Result):
             columns |= dict(zip(names, read.T, strict=True))
             columns |= dict(zip(stds, np.where(np.isfinite(sigma), sigma, np.nan).T, strict=False))
             beside = {f"{kind.name}_{key}": getattr(kind, key) for key in kind.beside}
-            columns |= {
-                key: np.where(column > 0, column, np.nan) for key, column in beside.items() if column is not None
-            }
+            columns |= {key: np.where(part > 0, part, np.nan) for key, part in beside.items() if part is not None}
         return columns | dict(self.covariates)
 
     def __repr__(self) -> str:

@@ -45,9 +45,7 @@ def read_pictures(table: Table, sensor: Sensor) -> Array:
     assert isinstance(camera, Camera)
     empty = sensor.unread(len(table))
     if name not in table.columns:
-        given = sorted(
-            {number for i, header in enumerate(empty.headers) if header in table.columns for number in (i, i ^ 1)}
-        )
+        given = sorted({at for i, header in enumerate(empty.headers) if header in table.columns for at in (i, i ^ 1)})
         table.require(empty.headers[i] for i in given)
         values = np.full(empty.values.shape, np.nan)
         for i in given:

@@ -239,11 +239,8 @@ def _vertical(way: Array, at: Postures) -> tuple[Array, Array, Array]:
     sine = np.linalg.norm(rise, axis=1)
     at_zenith = (sine < RESOLUTION)[:, None]
     rise = np.where(at_zenith, np.cross(way, np.roll(way, 1, axis=1)), rise)
-    return (
-        rise / np.maximum(np.linalg.norm(rise, axis=1, keepdims=True), SMALLEST_STD),
-        cosine,
-        np.maximum(sine, RESOLUTION),
-    )
+    wide = np.maximum(np.linalg.norm(rise, axis=1, keepdims=True), SMALLEST_STD)
+    return rise / wide, cosine, np.maximum(sine, RESOLUTION)
 
 
 @dataclass(frozen=True, eq=False)

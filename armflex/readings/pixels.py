@@ -107,13 +107,8 @@ class Pixels(Kind):
         there = board.place[:, None] + (size * at.about(self.name, Camera).board.points) @ board.axes.swapaxes(1, 2)
         in_camera = (there - eye.place[:, None]) @ eye.axes
         in_camera[..., 2] = np.where(np.abs(in_camera[..., 2]) < NEAREST, NEAREST, in_camera[..., 2])
-        return (
-            board,
-            eye,
-            there,
-            in_camera,
-            *projected(in_camera, *(at.of(self.name, nuisance.name) for nuisance in LENS)),
-        )
+        pixels, change = projected(in_camera, *(at.of(self.name, nuisance.name) for nuisance in LENS))
+        return board, eye, there, in_camera, pixels, change
 
     def ideal(self, at: Postures) -> Array:
         return self._seen(at)[4].reshape(self.values.shape)

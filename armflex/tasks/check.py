@@ -367,9 +367,7 @@ class _Judge:
         names = {name: float(i) for i, name in enumerate(dict.fromkeys(points.payload))}
         parts = [points.time, points.q, [names[name] for name in points.payload], points.v, points.a, points.target]
         parts += [*points.covariates.values()]
-        parts += [
-            part for wrench in points.wrenches if wrench.rows is not None for part in (wrench.force, wrench.moment)
-        ]
+        parts += [part for load in points.wrenches if load.rows is not None for part in (load.force, load.moment)]
         table = np.column_stack([part for part in parts if part is not None])
         _, first, back = np.unique(table, axis=0, return_index=True, return_inverse=True)
         order = np.argsort(first)  # as they come, so that a flag is about the first of them

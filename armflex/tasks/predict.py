@@ -123,9 +123,7 @@ def predict(
         predictions.append(prediction)
         if progress:
             progress(met.rows, len(rows))
-    parts = (
-        [getattr(prediction, name) for prediction in predictions] for name in ("position", "rotation", "displacement")
-    )
+    parts = ([getattr(answer, name) for answer in predictions] for name in ("position", "rotation", "displacement"))
     position, rotation, displacement = (np.concatenate(part) for part in parts)
     stds = [prediction.sigma for prediction in predictions if prediction.sigma is not None]  # of all pieces, or of none
     sigma = np.concatenate(stds) if stds else None
