@@ -242,12 +242,7 @@ def is_name(text: str) -> bool:
 
 
 def program(
-    language: Language,
-    arm: Arm,
-    traj: Path,
-    name: str = "armflex_path",
-    axes: str = "",
-    **asked: Any,
+    language: Language, arm: Arm, traj: Path, name: str = "armflex_path", axes: str = "", **asked: Any
 ) -> Exported:
     """Return a path as a program of joint moves.
 

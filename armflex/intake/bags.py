@@ -398,11 +398,11 @@ def _sqlite(path: Path) -> Iterator[tuple[str, str, float, Any]]:
                 texts = base.execute("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
                 for name, form, text in texts:
                     types.define(name, form, text)
-            topics = {}
-            for number, topic, kind, form in base.execute("SELECT id, name, type, serialization_format FROM topics"):
-                if form != "cdr" and kind.split("/")[-1] in WANTED:
-                    raise TableError(Place(path), f"{topic} is in {form}: expected cdr")
-                topics[number] = topic, kind
+            rows = list(base.execute("SELECT id, name, type, serialization_format FROM topics"))
+            odd = [(topic, form) for _, topic, kind, form in rows if form != "cdr" and kind.split("/")[-1] in WANTED]
+            if odd:
+                raise TableError(Place(path), f"{odd[0][0]} is in {odd[0][1]}: expected cdr")
+            topics = {number: (topic, kind) for number, topic, kind, _ in rows}
             for number, stamp, data in base.execute("SELECT topic_id, timestamp, data FROM messages"):
                 topic, kind = topics[number]
                 name = kind.split("/")[-1]

@@ -358,10 +358,7 @@ def markers(source: SourceTable) -> list[SourceTable]:
         kept = [k for k, meaning in enumerate(meant) if k in places or meaning.kind in ("time", "name")]
         sources.append(
             replace(
-                source,
-                header=tuple(header[k] for k in kept),
-                columns=tuple(source.columns[k] for k in kept),
-                part=base,
+                source, header=tuple(header[k] for k in kept), columns=tuple(source.columns[k] for k in kept), part=base
             )
         )
     return sources or [source]
