@@ -186,11 +186,8 @@ def fit_terms(loads: Array, deflections: Array, seed: int) -> Fitted:
     """Return a polynomial law of the terms that (N, k) loads and deflections show, and how they were found.
 
     Each term that joined is reported by its name, the evidence it had, and the evidence that the best of all candidates
-    reaches by chance, once in twenty.
-
-    Raises:
-        InputError: There are too few rows.
-        IdentifiabilityError: The loads do not span the components: a deflection's own load must be there.
+    reaches by chance, once in twenty. Rows may be too few (`InputError`), or their loads not span the components
+    (`IdentifiabilityError`).
     """
     size = loads.shape[1]
     if len(loads) < size + 4:

@@ -237,8 +237,7 @@ def _folds(data: JointData, model: str, options: Options) -> np.ndarray:
 def bench_flags(data: JointData) -> tuple[Flag, ...]:
     """Return flags for rows that are there twice, deflections that never change, and turned signs.
 
-    Raises:
-        LawError: Nothing deflects, or the loads do negative work: a joint cannot give energy to what loads it.
+    `LawError` is raised where nothing deflects, or loads do negative work: a joint cannot give energy to what loads it.
     """
     if not data.deflections.any():
         raise LawError("every deflection is 0: there is nothing to learn")

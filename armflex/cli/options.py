@@ -132,11 +132,7 @@ class Command(click.Command):
                 formatter.write_dl(files)
 
     def invoke(self, context: click.Context) -> Any:
-        """Run the command.
-
-        Raises:
-            InputError: An output is an input, a file that an input names, or another output; links count.
-        """
+        """Run the command, unless an output is an input, a file that an input names, or another output; links count."""
         paths = {
             parameter: context.params.get(parameter.name)
             for parameter in self.params
@@ -306,13 +302,7 @@ def as_they_are(function: Callable) -> Callable:
 def taken_in(
     paths: Sequence[Path], sigma: float | None, take: Sequence[str], targets: Sequence[str], **more: Any
 ) -> Intake:
-    """Return files as they are as one campaign; print what each column was taken as, and how rows were joined.
-
-    `more` are further arguments of `intake`.
-
-    Raises:
-        InputError: As `intake`.
-    """
+    """Return files as they are as one campaign; print what each column was taken as, and how rows were joined."""
     from armflex.intake import intake  # imports scipy
 
     pairs = [assignment.rpartition("=") for assignment in take]
@@ -410,11 +400,7 @@ covariates = click.option("--covariates", default="", metavar="temperature=25,ap
 
 
 def named_values(texts: Iterable[str], form: str) -> dict[str, list[float]]:
-    """Return numbers by name from texts such as 'temperature=10,35' or 'operator=bob=1'.
-
-    Raises:
-        InputError: One is not of the form, has no finite number, or a name is given twice.
-    """
+    """Return numbers by name from texts such as 'temperature=10,35' or 'operator=bob=1'; raise of others."""
     numbers: dict[str, list[float]] = {}
     for text in texts:
         # A level of a text column is a name with '=' in it, and may itself have more; a number has none.
@@ -459,10 +445,8 @@ def points(function: Callable) -> Callable:
 def parse_positions(text: str, arm: Arm) -> tuple[Array, Arm]:
     """Return q (nq,) from 'A1=0.3,A4=-10deg', and the arm with its joints off the chain where the text has them.
 
-    For joints of the chain that are not named see `Arm.position`.
-
-    Raises:
-        InputError: Not of that form; UnknownNameError, UnitError for names and units; JointLimitError off the chain.
+    For joints of the chain that are not named see `Arm.position`. What is wrong with a form, a name, a unit or, off the
+    chain, a limit is raised.
     """
     positions: dict[str, float] = {}
     robot, beside = arm.robot, [arm.robot.urdf.joints[name] for name in arm.robot.locked if arm.robot.stem(name)]
@@ -570,10 +554,8 @@ def read_path(path: Path, arm: Arm, unnamed: Unnamed = UNLOADED, table_path: Pat
 def parse_force(text: str, arm: Arm) -> Wrench:
     """Return a load from 'fx=0,fz=-500N,my=20Nm', or from 'tool=0,0,-500N', whose unit holds for all three.
 
-    The first form may end with `frame=LINK`, the tip where it does not, and `axes=link`, those of the base else.
-
-    Raises:
-        InputError: Of neither form; UnknownNameError, UnitError for names and units.
+    The first form may end with `frame=LINK`, the tip where it does not, and `axes=link`, those of the base else. What
+    is of neither form is refused, as are other names and units.
     """
     form = f"--force: {text!r} is not of the form LINK=FX,FY,FZ with a unit, such as tool=0,0,-500N, or fx=0,fz=-500N"
     first, _, values = (part.strip() for part in text.partition("="))

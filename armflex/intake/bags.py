@@ -310,12 +310,9 @@ def _mcap(path: Path) -> Iterator[tuple[str, str, float, Any]]:
 
 
 def _records(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Yield opcode and content of each record of an MCAP file, those of its chunks in their place.
+    """Yield opcode and content of each record of an MCAP file, those of chunks in their place; `_Cut` without a footer.
 
     Source: the MCAP format specification, "Records" and "Chunk".
-
-    Raises:
-        _Cut: The file ends before its footer.
     """
     with path.open("rb") as file:
         size = path.stat().st_size

@@ -87,11 +87,7 @@ def without_board(measurements: Measurements, table: Table, name: str) -> Iterat
 
 
 def read_corners(path: Path, board: Board) -> dict[str, Array]:
-    """Return (2 C,) corners u, v [px] by picture, not a number where they were not found.
-
-    Raises:
-        TableError: A column is missing, a corner is none of the board's, or one stands twice in a picture.
-    """
+    """Return (2 C,) corners u, v [px] by picture, nan where none was found; raise of one that stands twice."""
     table = read_table(path, {"u": "pixel", "v": "pixel"})
     table.require(CORNER)
     pictures: dict[str, Array] = {}

@@ -195,11 +195,7 @@ class Offer:
 
 
 def spread_evenly(reach: Reach, setup: Setup, count: int, seed: int) -> Offer:
-    """Return up to `count` rows spread evenly over all that may be asked, `count` a power of two.
-
-    Raises:
-        InputError: The arm can hold none of them.
-    """
+    """Return up to `count` rows, a power of two, spread evenly over all that may be asked; raise where none is held."""
     width = len(reach.lower) + len(reach.choices)
     box = next(Configurations(np.zeros(width), np.ones(width), count, seed, count).chunks())
     _held(setup.arm, reach.rows(box[:FEW]))  # an arm too soft for anything says so at once

@@ -408,8 +408,7 @@ def find_chain(urdf: Urdf, base: str, tip: str | None) -> tuple[Joint, ...]:
 def following_of(urdf: Urdf, chain: Sequence[Joint]) -> dict[str, tuple[str, float, float]]:
     """Return the joints of a chain that follow others of it by <mimic>: whom, by what factor and from what offset.
 
-    Raises:
-        UrdfError: One follows no joint that moves with the chain, or itself.
+    One that follows no joint that moves with the chain, or itself, is refused.
     """
     moving = {joint.name: joint for joint in chain if joint.kind in MOVING}
     mimics = {name: joint.mimic for name, joint in moving.items() if joint.mimic}
@@ -505,11 +504,7 @@ def scope_of(urdf: Urdf, chain: Sequence[Joint]) -> Scope:
 
 
 def check_faults(urdf: Urdf, scope: Scope) -> tuple[Flag, ...]:
-    """Return a flag for everything that cannot be read and does not matter to the chain, saying what is done instead.
-
-    Raises:
-        UrdfError: A link of the chain cannot be read, or what weighs of one that it carries.
-    """
+    """Return a flag for all that cannot be read and does not matter to the chain, saying what is done; raise of others."""
     flags = []
     met = [("link", link.name, link.name in scope.chain, link) for link in urdf.links.values()]
     met += [("joint", joint.child, False, joint) for joint in urdf.joints.values()]
