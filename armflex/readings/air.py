@@ -68,7 +68,7 @@ def bending(a: Array | float, b: float, cosine: Array) -> tuple[Array, Array]:
 
 
 def read_air(table: Declaration) -> Air:
-    """Return the air that `refraction = { pressure_hPa = .., temperature_C = .. }` declares; raise where it is no air."""
+    """Return the air that `refraction = { pressure_hPa = .., temperature_C = .. }` declares; raise of what is none."""
     air = {name: table.number(name, DEFAULTS.get(name)) for name in BOUNDS}
     for name, (low, high) in BOUNDS.items():
         if not low <= air[name] <= high:

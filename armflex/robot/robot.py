@@ -504,7 +504,7 @@ def scope_of(urdf: Urdf, chain: Sequence[Joint]) -> Scope:
 
 
 def check_faults(urdf: Urdf, scope: Scope) -> tuple[Flag, ...]:
-    """Return a flag for all that cannot be read and does not matter to the chain, saying what is done; raise of others."""
+    """Return a flag for all that cannot be read and does not matter to the chain, saying what is done then."""
     flags = []
     met = [("link", link.name, link.name in scope.chain, link) for link in urdf.links.values()]
     met += [("joint", joint.child, False, joint) for joint in urdf.joints.values()]
