@@ -623,7 +623,7 @@ def _markers(arm: Arm, trajectory: Trajectory | None, report: CheckReport | None
             position = arm.rigid_pose(trajectory.q[i], enforce_limits=False).translation
             # A worse verdict is a larger ball: of two via-points at one place the worse one is seen.
             radius = 0.012 * arm.robot.reach * MARKER_SIZES.get(verdict, 1.0)
-            yield Marker(f"{i} {name}", position, VERDICTS.get(verdict, RIGID_PATH), radius, name)
+            yield Marker(position, VERDICTS.get(verdict, RIGID_PATH), radius, name)
 
 
 def _legend(
