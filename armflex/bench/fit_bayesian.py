@@ -252,12 +252,7 @@ WALKS = {"nuts": tuple(partial(_nuts_chain, **aims) for aims in ATTEMPTS), "metr
 
 @dataclass(frozen=True)
 class Collapsed:
-    """Density of theta, d = H (k + 1) + k numbers: the hidden layer in the order of `layers`, then k log s.
-
-    Attributes:
-        problem: The data.
-        prior: Of weights and noise.
-    """
+    """Density of theta, d = H (k + 1) + k numbers: the hidden layer in the order of `layers`, then k log s."""
 
     problem: NetworkProblem
     prior: NetworkPrior = field(default_factory=NetworkPrior)

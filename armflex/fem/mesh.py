@@ -87,12 +87,9 @@ def corners_of(kind: str) -> int:
 
 @dataclass(frozen=True)
 class Material:
-    """An isotropic linear material.
+    """An isotropic linear material: Young's modulus [Pa], Poisson's ratio and density [kg/m^3].
 
-    Attributes:
-        young: Young's modulus [Pa].
-        poisson: Poisson's ratio.
-        density: [kg/m^3], None where nobody gave it: the part has then neither mass nor weight.
+    Without a density the part has neither mass nor weight.
     """
 
     young: float

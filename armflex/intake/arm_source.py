@@ -19,12 +19,7 @@ from armflex.robot.robot import Robot, load_robot
 
 @dataclass(frozen=True, eq=False)
 class ArmSource:
-    """What describes the arm, if anything.
-
-    Attributes:
-        robot: Of a URDF.
-        table, dh: Of DH parameters, and what they are.
-    """
+    """What describes the arm, if anything: a URDF's robot, or a table of DH parameters and what they are."""
 
     robot: Robot | None = None
     table: SourceTable | None = None

@@ -16,11 +16,9 @@ COUNT = re.compile(r"\d+(?:\.\d*)?(?:e\+?\d{1,2})?", re.IGNORECASE)
 
 
 class Pairing(NamedTuple):
-    """What rows and points are called by: those of equal keys are of one another.
+    """What (N,) `rows` and (M,) `points` are called by: those of equal keys are of one another.
 
-    Attributes:
-        rows, points: (N,) and (M,) keys.
-        numbered: Whether only the numbers in their names are compared.
+    `numbered` says whether only the numbers in their names are compared.
     """
 
     rows: list[Hashable]

@@ -28,10 +28,7 @@ DEFAULTS = {"humidity": 0.0, "wavelength_um": 0.55}
 class Air:
     """The air where an instrument stands.
 
-    Attributes:
-        pressure_hPa, temperature_C: Its pressure [hPa] and temperature.
-        humidity: Relative, 0 to 1.
-        wavelength_um: Of what is observed [um].
+    Its humidity is relative, 0 to 1; the wavelength [um] is of what is observed.
     """
 
     pressure_hPa: float

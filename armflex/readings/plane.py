@@ -10,11 +10,7 @@ from armflex.conventions import Array
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """Where a plane is declared to face.
-
-    Attributes:
-        normal: (3,) in the base, of any length but none.
-    """
+    """Where a plane is declared to face: its (3,) normal in the base, of any length but none."""
 
     normal: Array
 

@@ -328,11 +328,7 @@ def _with_constants(arm: Arm, rows: Measurements, constants: Mapping[str, float]
 
 
 class _Flags:
-    """The flags about rows that come in pieces: each with the worst row it concerns, and how many there are.
-
-    Attributes:
-        rows: How many rows there were.
-    """
+    """The flags about so many rows that come in pieces: each with the worst row it concerns, and how many there are."""
 
     def __init__(self, arm: Arm) -> None:
         self._arm, self.rows = arm, 0
