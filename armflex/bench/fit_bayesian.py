@@ -34,6 +34,7 @@ from scipy.special import gammaln
 
 from armflex.bench.fit_network import find_modes, fit_network, laplace, network_law
 from armflex.bench.fitted import Fitted
+from armflex.bench.learners import SAMPLERS as SAMPLERS
 from armflex.bench.network_problem import GROUPS, NetworkProblem, predictions, scaled_problem, start_weights
 from armflex.conventions import Array
 from armflex.errors import InputError, NotFiniteError, UnknownNameError
@@ -41,7 +42,6 @@ from armflex.parallel import in_order
 from armflex.sampling.diagnostics import Diagnostics, check_converged, diagnose, judges, shortcomings
 from armflex.sampling.nuts import no_u_turn
 
-SAMPLERS = ("laplace", "nuts", "metropolis")
 DRAWS = {"nuts": 1000, "metropolis": 50_000}
 """Of each chain unless asked otherwise; what comes before them is not counted."""
 
@@ -252,12 +252,7 @@ WALKS = {"nuts": tuple(partial(_nuts_chain, **aims) for aims in ATTEMPTS), "metr
 
 @dataclass(frozen=True)
 class Collapsed:
-    """Density of theta, d = H (k + 1) + k numbers: the hidden layer in the order of `layers`, then k log s.
-
-    Attributes:
-        problem: The data.
-        prior: Of weights and noise.
-    """
+    """Density of theta, d = H (k + 1) + k numbers: the hidden layer in the order of `layers`, then k log s."""
 
     problem: NetworkProblem
     prior: NetworkPrior = field(default_factory=NetworkPrior)

@@ -99,21 +99,12 @@ def least_squares(regressors: Array, readings: Array) -> Array:
 def scatter_of(deflections: Array, residual: Array, parameters: float) -> Array:
     """Return the standard deviation of each column of (N, ...) residuals, of which so many parameters were fitted."""
     freedom = max(len(residual) - parameters, 1.0)
-    return np.maximum(np.sqrt((residual**2).sum(axis=0) / freedom), least_scatter(deflections))
-
-
-def least_scatter(deflections: Array) -> float:
-    """Return the scatter that a fit has at least: a column may be followed exactly."""
-    return max(1e-12 * float(np.abs(deflections).max()), 1e-30)
+    least = max(1e-12 * float(np.abs(deflections).max()), 1e-30)  # a column may be followed exactly
+    return np.maximum(np.sqrt((residual**2).sum(axis=0) / freedom), least)
 
 
 def fit_polynomial(loads: Array, deflections: Array, features: str | Sequence[str]) -> PolynomialLaw:
-    """Return the polynomial law of (N, k) loads [N, Nm] and deflections [m, rad].
-
-    Args:
-        loads: (N, k), k = 3 or 6.
-        deflections: (N, k).
-        features: What the deflection is linear in besides the components; see `features_of`.
+    """Return the polynomial law of (N, k) loads [N, Nm] and deflections [m, rad], linear in loads and `features_of`.
 
     Raises:
         UnknownNameError: No such feature.
@@ -195,11 +186,8 @@ def fit_terms(loads: Array, deflections: Array, seed: int) -> Fitted:
     """Return a polynomial law of the terms that (N, k) loads and deflections show, and how they were found.
 
     Each term that joined is reported by its name, the evidence it had, and the evidence that the best of all candidates
-    reaches by chance, once in twenty.
-
-    Raises:
-        InputError: There are too few rows.
-        IdentifiabilityError: The loads do not span the components: a deflection's own load must be there.
+    reaches by chance, once in twenty. Rows may be too few (`InputError`), or their loads not span the components
+    (`IdentifiabilityError`).
     """
     size = loads.shape[1]
     if len(loads) < size + 4:

@@ -104,12 +104,8 @@ def _trained(
 ) -> tuple[float, int, Array]:
     """Train a module in place; return the least loss on the watched rows, after how many rounds, and the errors then.
 
-    Args:
-        module: As `_made` returns it.
-        unloaded: (k,) what no load is in scaled units.
-        rows: (n, k) scaled loads and deflections trained on.
-        watched: The same of the rows looked at.
-        rounds: How many rounds exactly; None for as many as help.
+    Rows and watched are (n, k) scaled loads and deflections, `unloaded` (k,) is no load in that scale. Where `rounds`
+    are not given there are as many as help.
     """
     import torch
 

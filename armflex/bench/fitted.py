@@ -62,11 +62,7 @@ def check_span(loads: Array) -> None:
 
 
 def check_determined(columns: Array, names: Sequence[str], problem: str) -> None:
-    """Raise where some mixture of (N, P) columns is as good as zero on all rows, naming what takes part in it.
-
-    Raises:
-        IdentifiabilityError: With `problem`, the rank, the condition, and those of the P names.
-    """
+    """Raise `IdentifiabilityError` where a mixture of (N, P) columns is as good as zero on all rows, by name."""
     scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     _, values, directions = np.linalg.svd(scaled, full_matrices=False)
     # Of columns of equal length; beyond it some mixture of them is as good as zero on all rows.

@@ -83,13 +83,9 @@ MODELS = ("linear", "polynomial", "structural", "neural", "bayesian", "torch", "
 
 
 def learner(model: str, options: Options) -> Learner:
-    """Return the function that learns a model from loads and deflections.
+    """Return the function that learns a model from loads and deflections; raise for no such model or options.
 
     What needs SciPy or torch is imported here, where somebody asks for it.
-
-    Raises:
-        UnknownNameError: No such model.
-        InputError: It has no such options.
     """
     for option, text in [need for of, *need in NEEDS if of == model and getattr(options, need[0]) is None]:
         raise InputError(f"a {model} model needs its {option}: {text}")

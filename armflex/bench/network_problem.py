@@ -37,13 +37,7 @@ class Scaling:
 
 @dataclass(frozen=True)
 class NetworkProblem:
-    """Joint data as a network sees them.
-
-    Attributes:
-        x: (N, k) scaled loads.
-        y: (N, k) scaled deflections.
-        neurons: Hidden neurons H.
-    """
+    """Joint data as a network with H hidden `neurons` sees them: scaled loads (N, k) and deflections (N, k)."""
 
     x: Array
     y: Array

@@ -158,9 +158,7 @@ def train(
     else:
         learn, folds = learner(model, options), _folds(data, model, options)
         # What models without weights do is shown beside a network.
-        plain = (
-            [candidate for candidate in candidates(options) if candidate.model != "neural"] if model in NETWORKS else []
-        )
+        plain = [other for other in candidates(options) if other.model != "neural"] if model in NETWORKS else []
         step = _counting(progress, 1 + len(np.unique(folds)) + REPEATS * min(CHOICE_FOLDS, len(data)) * len(plain))(1)
         fitted = learn(data.loads, data.deflections, seed)
         step()
@@ -239,8 +237,7 @@ def _folds(data: JointData, model: str, options: Options) -> np.ndarray:
 def bench_flags(data: JointData) -> tuple[Flag, ...]:
     """Return flags for rows that are there twice, deflections that never change, and turned signs.
 
-    Raises:
-        LawError: Nothing deflects, or the loads do negative work: a joint cannot give energy to what loads it.
+    `LawError` is raised where nothing deflects, or loads do negative work: a joint cannot give energy to what loads it.
     """
     if not data.deflections.any():
         raise LawError("every deflection is 0: there is nothing to learn")
@@ -307,9 +304,7 @@ def _asymmetry(law: Law) -> str:
 def _worth(model: str, held: HeldOutFolds, others: Sequence[ModelScore], least: Array) -> tuple[Flag, ...]:
     """Return a flag where a model without weights does as well as a network, by the mean of the columns' ratios."""
     plain = [candidate for candidate in others if candidate.model != "neural" and np.isfinite(candidate.squares).all()]
-    networks = (
-        [held.rms] if model in NETWORKS else [candidate.rms for candidate in others if candidate.model == "neural"]
-    )
+    networks = [held.rms] if model in NETWORKS else [other.rms for other in others if other.model == "neural"]
     if not plain or not networks or not np.isfinite(networks[0]).all():
         return ()
     best = min(plain, key=lambda candidate: float(np.log(np.maximum(candidate.rms, least)).mean()))

@@ -55,9 +55,7 @@ def command(
         raise InputError(f"{arm_path}: no flexure has learn = true: there is no law for --sample")
     measurements = measured(arm)
     with enough_memory(f"{len(measurements)} rows"), progress("calibrating: steps of the fit") as tick:
-        calibration = calibrate(
-            arm, measurements, progress=lambda done, most: tick(done, None), keep=keep, anyway=anyway
-        )
+        calibration = calibrate(arm, measurements, progress=lambda done, _: tick(done, None), keep=keep, anyway=anyway)
     samples = None
     if sample:
         with progress("sampling") as tick:
@@ -181,17 +179,8 @@ def print_laws(axes: Sequence[LearnedAxis], samples: LawSamples | None) -> None:
             sizes = [number(size * factor, 3) for size in (axis.declared, axis.learned, axis.correction, axis.std)]
             sampled = [] if axis.sampled is None else [number(axis.sampled * factor, 3)]
             rows.append([axis.flexure, axis.axis, *sizes, unit, *sampled])
-    columns = [
-        "flexure",
-        "axis",
-        "declared",
-        "learned",
-        "nonlinear",
-        "± std",
-        "unit",
-        *(["sampled"] if samples else []),
-    ]
-    print_table("Laws learned: RMS over the observed loads", columns, rows)
+    columns = ["flexure", "axis", "declared", "learned", "nonlinear", "± std", "unit"]
+    print_table("Laws learned: RMS over the observed loads", columns + ["sampled"] * bool(samples), rows)
     left = ", ".join(f"{axis.flexure} {axis.axis}" for axis in axes if not axis.determined)
     if left:
         say(f"Hardly observable in these readings, kept near the declared values: {left}.")

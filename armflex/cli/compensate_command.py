@@ -131,10 +131,8 @@ def print_compensation(compensation: Compensation) -> None:
         say(f"{len(hidden)} further rows are not shown; {missed} of them were not reached.")
     reached = sum(row.reached for row in compensation.rows)
     sigma, relative = compensation.remains_m[1], compensation.relative_sigma_m
-    give_or_take = "" if relative is None else f" (± mm: {plus_minus(relative)})"
-    largest = (
-        f"largest error {number(before.max() * 1e3)} mm before, {number(after.max() * 1e3, 2)} mm{give_or_take} after"
-    )
+    about = "" if relative is None else f" (± mm: {plus_minus(relative)})"
+    largest = f"largest error {number(before.max() * 1e3)} mm before, {number(after.max() * 1e3, 2)} mm{about} after"
     turns = ", ".join(
         f"{number(turn * 1e3, 2)} mrad {when}"
         for turn, when in zip(compensation.turns_rad, ("before", "after"), strict=True)

@@ -70,12 +70,7 @@ def command(output: Path) -> None:
 
 
 def _copy_robot(folder: Path) -> None:
-    """Copy the robot's files, leaving those that are there: an edited arm.toml is what the next run is about.
-
-    Raises:
-        InputError: The result for programs would replace a file that is kept or written on the way.
-        FileError: The folder cannot be written.
-    """
+    """Copy the robot's files, leaving those that are there: an edited arm.toml is what the next run is about."""
     files, json_path = list(bundled_robot("tarm_like").iterdir()), options.json_path()
     kept = [*(folder.parent / name for name in WRITTEN), *folder.glob("*"), *(folder / file.name for file in files)]
     if json_path is not None and any(options.same_file(json_path, file) for file in kept):
@@ -134,9 +129,7 @@ def _paper_joint(folder: Path) -> dict[str, float]:
             arm = load_arm(folder / "arm.toml", preset=preset)
         deflection = _straight(arm, allow_large=True)
         wrist = [i for i, name in enumerate(deflection.names.flexures) if name.startswith("A4")]
-        gives, turns = (
-            np.linalg.norm(deflection.twists[wrist][:, part], axis=1).max() for part in (slice(3), slice(3, 6))
-        )
+        gives, turns = (np.linalg.norm(deflection.twists[wrist][:, at], axis=1).max() for at in (slice(3), slice(3, 6)))
         moves = shifts[preset or "assumed"] = float(np.linalg.norm(deflection.displacement[:3]))
         verdict = "a machine"
         if any(flag.code == "large_sag" for flag in deflection.flags):

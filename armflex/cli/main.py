@@ -117,7 +117,9 @@ def main() -> None:
         sys.exit(2)
     except Exception as error:
         if isinstance(error, click.exceptions.Abort) or _was_interrupted(error):
-            _interrupted()
+            if _ended:
+                _fail(f"ended by {signal.Signals(_ended[-1]).name}", 128 + _ended[-1])
+            _fail("interrupted", 130)
         _fail(*_said_of(error))
     _flush()
     sys.exit(code if isinstance(code, int) else 0)
@@ -179,12 +181,6 @@ def _end(number: int, frame: object) -> NoReturn:
     """End as Ctrl-C does: with what there is, and without a file that is written in part."""
     _ended.append(number)
     raise KeyboardInterrupt
-
-
-def _interrupted() -> NoReturn:
-    if _ended:
-        _fail(f"ended by {signal.Signals(_ended[-1]).name}", 128 + _ended[-1])
-    _fail("interrupted", 130)
 
 
 def _was_interrupted(error: BaseException | None) -> bool:

@@ -76,24 +76,15 @@ def _along(arm: Arm, path: Path, payload: str, covariates: dict[str, float], cou
     """Print and write the modes at the via-points of a path, under its loads and payloads."""
     with progress("computing modes"):
         along = modes_along(arm, options.read_path(path, arm, Unnamed(payload)), covariates, count)
-    points = [
-        record(point, "name time payload", **{"frequencies_hz": "frequencies", "flexures": "stiffest"})
-        for point in along
-    ]
+    points = [record(point, "name time payload", frequencies_hz="frequencies", flexures="stiffest") for point in along]
     flags = {flag.kind: flag for point in along for flag in point.flags}
     options.conclude(lambda: {"via_points": points}, tuple(flags.values()), arm)
     most = max(len(point.frequencies) for point in along)
-    rows = [
-        [
-            point.name,
-            f"{point.time:g}",
-            point.payload,
-            *(number(float(frequency), 4) for frequency in point.frequencies),
-        ]
-        + [""] * (most - len(point.frequencies))
-        + [point.stiffest[0] if point.stiffest else "none"]
-        for point in along
-    ]
+    rows = []
+    for point in along:
+        hertz = [number(float(frequency), 4) for frequency in point.frequencies]
+        stiffest = point.stiffest[0] if point.stiffest else "none"
+        rows.append([point.name, f"{point.time:g}", point.payload, *hertz, *[""] * (most - len(hertz)), stiffest])
     head = ["via-point", "time s", "payload", *(f"mode {i + 1} Hz" for i in range(most)), "first gained by"]
     print_table(f"Modes of vibration, drives holding (base {arm.robot.base}, tip {arm.robot.tip})", head, rows)
 

@@ -7,7 +7,7 @@ import json
 import os
 import sys
 import tomllib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -132,20 +132,14 @@ class Command(click.Command):
                 formatter.write_dl(files)
 
     def invoke(self, context: click.Context) -> Any:
-        """Run the command.
-
-        Raises:
-            InputError: An output is an input, a file that an input names, or another output; links count.
-        """
+        """Run the command, unless an output is an input, a file that an input names, or another output; links count."""
         paths = {
             parameter: context.params.get(parameter.name)
             for parameter in self.params
             if isinstance(parameter.type, click.Path)
         }
         given = {parameter: path for parameter, path in paths.items() if isinstance(path, Path)}
-        outputs = [
-            (parameter.opts[0], path) for parameter, path in given.items() if isinstance(parameter.type, OutputPath)
-        ]
+        outputs = [(option.opts[0], path) for option, path in given.items() if isinstance(option.type, OutputPath)]
         inputs = [path for parameter, path in given.items() if not isinstance(parameter.type, OutputPath)]
         inputs += [path for parameter, several in paths.items() if parameter.nargs == -1 for path in several or ()]
         read = [file for path in inputs for file in named_files(path)]
@@ -160,21 +154,17 @@ class Command(click.Command):
                 raise InputError(f"{' and '.join(said)} both go to stdout: name a file with one of them")
             result_on_stdout()
         context.meta[__name__] = context.params.pop("json_path")
-        each = [
-            (parameter, path)
-            for parameter, several in paths.items()
-            for path in (several if isinstance(several, tuple) else (several,))
-        ]
-        self._check_kinds(
-            [(_file(parameter), path) for parameter, path in each if path is not None and _file(parameter) in FILES]
-        )
+        self._check_kinds(paths)
         with showing_stages(f"reading {listing((path.name for path in inputs), 3)}"):
             return super().invoke(context)
 
-    def _check_kinds(self, given: Sequence[tuple[str, Path]]) -> None:
+    def _check_kinds(self, paths: Mapping[click.Parameter, Any]) -> None:
         """Raise `InputError` where a table is given as the arm, or an arm as a table, as when they are exchanged."""
-        suffixes = {name: TABLES if name == "ARM" else (".toml", *ROBOTS) for name, _ in given}
-        wrong = [(name, path) for name, path in given if path.suffix.lower() in suffixes[name]]
+        wrong = list[tuple[str, Path]]()
+        for parameter, several in paths.items():
+            name, suffixes = _file(parameter), TABLES if _file(parameter) == "ARM" else (".toml", *ROBOTS)
+            each = several if isinstance(several, tuple) else (several,)
+            wrong += [(name, path) for path in each if name in FILES and path and path.suffix.lower() in suffixes]
         if not wrong:
             return
         said = ", ".join(f"{path} is no {'arm' if name == 'ARM' else 'table'} ({name})" for name, path in wrong)
@@ -289,59 +279,32 @@ anyway = click.option("--anyway", is_flag=True,
                            "convention.")  # fmt: skip
 
 
+sigma_r = click.option("--sigma-r", type=Quantity("angle"), metavar="0.5mrad",
+                       help="Standard deviation of a recorded orientation, in files as they are; without it "
+                            "orientations are not used.")  # fmt: skip
+target = click.option("--target", "targets", multiple=True, metavar="NAME",
+                      help="Topic, frame, body or marker of a recording that is the target; repeat it for several "
+                           "targets.")  # fmt: skip
+joints = click.option("--joints", multiple=True, metavar="TOPIC",
+                      help="Topic of a recording that has the joints, where several have the same ones; repeat it for "
+                           "several.")  # fmt: skip
+take = click.option("--take", multiple=True, metavar="COLUMN=MEANING",
+                    help="Meaning of a column whose name does not state it: q_J1_deg, x_mm, qw, pose, time, payload, "
+                         "session; unused leaves it out.")  # fmt: skip
+sigma = click.option("--sigma", type=Quantity("length"), metavar="0.05mm",
+                     help="Standard deviation of a measured coordinate, for a log and a tracker's export as they "
+                          "are.")  # fmt: skip
+
+
 def as_they_are(function: Callable) -> Callable:
-    """Add what is asked of files that are read as they are, see `taken_in`: `sigma`, `sigma_r`, `take`, `targets`,
-    `joints`.
-    """
-    for option in (
-        click.option(
-            "--sigma-r",
-            type=Quantity("angle"),
-            metavar="0.5mrad",
-            help="Standard deviation of a recorded orientation, in files as they are; without it orientations are not "
-            "used.",
-        ),
-        click.option(
-            "--target",
-            "targets",
-            multiple=True,
-            metavar="NAME",
-            help="Topic, frame, body or marker of a recording that is the target; repeat it for several targets.",
-        ),
-        click.option(
-            "--joints",
-            multiple=True,
-            metavar="TOPIC",
-            help="Topic of a recording that has the joints, where several have the same ones; repeat it for several.",
-        ),
-        click.option(
-            "--take",
-            multiple=True,
-            metavar="COLUMN=MEANING",
-            help="Meaning of a column whose name does not state it: q_J1_deg, x_mm, qw, pose, time, payload, session; "
-            "unused leaves it out.",
-        ),
-        click.option(
-            "--sigma",
-            type=Quantity("length"),
-            metavar="0.05mm",
-            help="Standard deviation of a measured coordinate, for a log and a tracker's export as they are.",
-        ),
-    ):
-        function = option(function)
-    return function
+    """Add what is asked of files that are read as they are, see `taken_in`."""
+    return sigma(take(joints(target(sigma_r(function)))))
 
 
 def taken_in(
     paths: Sequence[Path], sigma: float | None, take: Sequence[str], targets: Sequence[str], **more: Any
 ) -> Intake:
-    """Return files as they are as one campaign; print what each column was taken as, and how rows were joined.
-
-    `more` are further arguments of `intake`.
-
-    Raises:
-        InputError: As `intake`.
-    """
+    """Return files as they are as one campaign; print what each column was taken as, and how rows were joined."""
     from armflex.intake import intake  # imports scipy
 
     pairs = [assignment.rpartition("=") for assignment in take]
@@ -439,11 +402,7 @@ covariates = click.option("--covariates", default="", metavar="temperature=25,ap
 
 
 def named_values(texts: Iterable[str], form: str) -> dict[str, list[float]]:
-    """Return numbers by name from texts such as 'temperature=10,35' or 'operator=bob=1'.
-
-    Raises:
-        InputError: One is not of the form, has no finite number, or a name is given twice.
-    """
+    """Return numbers by name from texts such as 'temperature=10,35' or 'operator=bob=1'; raise of others."""
     numbers: dict[str, list[float]] = {}
     for text in texts:
         # A level of a text column is a name with '=' in it, and may itself have more; a number has none.
@@ -488,10 +447,8 @@ def points(function: Callable) -> Callable:
 def parse_positions(text: str, arm: Arm) -> tuple[Array, Arm]:
     """Return q (nq,) from 'A1=0.3,A4=-10deg', and the arm with its joints off the chain where the text has them.
 
-    For joints of the chain that are not named see `Arm.position`.
-
-    Raises:
-        InputError: Not of that form; UnknownNameError, UnitError for names and units; JointLimitError off the chain.
+    For joints of the chain that are not named see `Arm.position`. What is wrong with a form, a name, a unit or, off the
+    chain, a limit is raised.
     """
     positions: dict[str, float] = {}
     robot, beside = arm.robot, [arm.robot.urdf.joints[name] for name in arm.robot.locked if arm.robot.stem(name)]
@@ -599,10 +556,8 @@ def read_path(path: Path, arm: Arm, unnamed: Unnamed = UNLOADED, table_path: Pat
 def parse_force(text: str, arm: Arm) -> Wrench:
     """Return a load from 'fx=0,fz=-500N,my=20Nm', or from 'tool=0,0,-500N', whose unit holds for all three.
 
-    The first form may end with `frame=LINK`, the tip where it does not, and `axes=link`, those of the base else.
-
-    Raises:
-        InputError: Of neither form; UnknownNameError, UnitError for names and units.
+    The first form may end with `frame=LINK`, the tip where it does not, and `axes=link`, those of the base else. What
+    is of neither form is refused, as are other names and units.
     """
     form = f"--force: {text!r} is not of the form LINK=FX,FY,FZ with a unit, such as tool=0,0,-500N, or fx=0,fz=-500N"
     first, _, values = (part.strip() for part in text.partition("="))

@@ -51,9 +51,8 @@ def print_rehearsal(rehearsal: Rehearsal) -> None:
     say(
         "Figures are means over the places of an effect, which is called as in [[effect]] of an arm.toml; unnamed_ "
         "begins the name of a shape without a cause.",
-        f"size: RMS of how far the effect moves the target, {number(rehearsal.size * 1e3, 3)} mm, "
-        "or less where no machine "
-        "has so much.",
+        f"size: RMS of how far the effect moves the target, {number(rehearsal.size * 1e3, 3)} mm, or less where no "
+        "machine has so much.",
         "own name: probability of the effect itself; calibration: that nothing is missing, because the fitted "
         "parameters take the effect up or the noise hides it; another: of all other effects, mostly the one listed.",
         "in set: share of the campaigns in which the effect is among the likeliest that together have 95 %.",
@@ -62,7 +61,6 @@ def print_rehearsal(rehearsal: Rehearsal) -> None:
     failed = [effect for effect in rehearsal.effects if effect.named < DOUBTFUL]
     still = sum(effect.size == 0.0 for effect in failed)
     say(
-        f"{clear} of {len(rehearsal.effects)} effects would get their own name "
-        f"with a probability of {CLEAR:.0%} or more, "
-        f"{len(failed)} with less than {DOUBTFUL:.0%}; {still} do not move what is read at all (size 0)."
+        f"{clear} of {len(rehearsal.effects)} effects would get their own name with a probability of {CLEAR:.0%} or "
+        f"more, {len(failed)} with less than {DOUBTFUL:.0%}; {still} do not move what is read at all (size 0)."
     )

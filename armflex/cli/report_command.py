@@ -26,11 +26,7 @@ from armflex.tasks.iso9283 import iso9283
 @click.option("--block", type=options.Quantity("time"), help="Time of one block of cycles, such as 10min: for drift.")
 @click.option("-o", "--output", type=options.OutputPath(), help="Page to write.")
 def command(
-    arm: Arm,
-    measured: Callable[[Arm], Measurements],
-    standard: bool,
-    block: float | None,
-    output: Path | None,
+    arm: Arm, measured: Callable[[Arm], Measurements], standard: bool, block: float | None, output: Path | None
 ) -> None:
     """Pose characteristics of a campaign with repeats, as ISO 9283 defines them.
 

@@ -109,11 +109,7 @@ def command(
 
 
 def module_of(text: str) -> Callable[[], Any]:
-    """Return what makes the module that FILE.py:CLASS names; runs that file.
-
-    Raises:
-        InputError: The text is of another form, or the code cannot be read, fails, or has no such class.
-    """
+    """Return what makes the module that FILE.py:CLASS names; runs that file, and raises where it has none."""
     name, _, called = text.rpartition(":")
     if not name.endswith(".py") or not called.isidentifier():
         raise InputError(f"--module {text!r}: expected FILE.py:CLASS")

@@ -335,22 +335,6 @@ def least_sigma(view: View) -> Array:
     return FINE_SHARE * view.readings.stacked(whole)
 
 
-@dataclass(frozen=True)
-class RankedMisreading:
-    """A convention in which a campaign is plausible: how much the likelier, and how far off it then is, as said."""
-
-    hypothesis: Misreading
-    name: str
-    gain: float
-    then: str
-    meant: Case
-
-    @property
-    def said(self) -> str:
-        """As the end of a sentence: the name, what is left then, and the remedy."""
-        return f"{self.name}? Then they are {self.then} off: {self.hypothesis.remedy}"
-
-
 def check_conventions(
     arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool = False, searched: bool = False
 ) -> tuple[Flag, ...]:
@@ -385,22 +369,25 @@ def check_conventions(
     named = _named(case, fitted, searched)
     if not named:
         check_joint_units(measurements.q, arm, measurements.places, units=measurements.units)
-    elif (likeliest := named[0].hypothesis).of in arm.sensors and likeliest.slip is not None:
-        text = f"{named[0].name}: {likeliest.remedy}"  # the others say where the arm is
+    elif (likeliest := named[0][0]).of in arm.sensors and likeliest.slip is not None:
+        text = f"{likeliest.name}: {likeliest.remedy}"  # the others say where the arm is
         return (Flag("instrument_moved", text, about=likeliest.of),)
     if named:
-        said = "; or ".join(ranked.said for ranked in named)
-        raise ConventionError(f"{_begun(case, fitted)}: {said}", [ranked.name for ranked in named])
+        said = "; or ".join(f"{way.name}? Then they are {off} off: {way.remedy}" for way, off in named)
+        raise ConventionError(f"{_begun(case, fitted)}: {said}", [way.name for way, _ in named])
     return () if fitted is None or keep else tuple(_implausible(case, fitted, searched))
 
 
 def _judged_rows(arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool) -> Case | None:
     """Return some of (M,) rows and what in them says anything of conventions, None where nothing does."""
     # Loads and frequencies say little of conventions.
-    placed = tuple(_read(kind) for kind in measurements.readings.kinds if kind.by_motion)
+    placed = [kind for kind in measurements.readings.kinds if kind.by_motion]
     if not placed and measurements.readings.kinds:
         return None
-    readings = replace(measurements.readings, kinds=placed)
+    for i, kind in enumerate(placed):
+        if isinstance(kind, Position):  # coordinates that were not read, beside which others are in no unit
+            placed[i] = replace(kind, sigma=np.where(kind.read, kind.sigma, np.inf))
+    readings = replace(measurements.readings, kinds=tuple(placed))
     measurements = replace(measurements, readings=readings, measured=measurements.measured & readings.read)
     rows = rows[measurements.measured[rows]]
     rows = rows[_spread(len(rows), ROWS_LOOKED_AT)] if len(rows) else rows
@@ -440,31 +427,26 @@ def _spread(count: int, most: int) -> np.ndarray:
     return np.unique(np.linspace(0, count - 1, min(count, most)).astype(int))
 
 
-def _read(kind: Kind) -> Kind:
-    """Return a kind without coordinates of a point that were not read: those beside which others are in no unit."""
-    return replace(kind, sigma=np.where(kind.read, kind.sigma, np.inf)) if isinstance(kind, Position) else kind
-
-
-def _named(case: Case, fitted: Misfit | None, searched: bool) -> list[RankedMisreading]:
-    """Return the hypotheses whose odds against the campaign as written are beyond `NAMED`, the likeliest first."""
+def _named(case: Case, fitted: Misfit | None, searched: bool) -> list[tuple[Misreading, str]]:
+    """Return the hypotheses with odds beyond `NAMED`, the likeliest first, and how far off the readings then are."""
     tried = list(_candidates(case, fitted))
     if fitted is not None and not fitted.free and not case.keep and not searched:
         more = "there is nothing to fit: give it joint_offset, compliance, tool or geometry, a standard deviation each"
         prior = replace(USUAL_PRIOR, session_target=case.arm.prior.session_target)
         tried.append(Misreading("[prior] frees nothing", more, arm=replace(case.arm, prior=prior)))
-    named = dict[str, RankedMisreading]()
-    for candidate in tried:
-        judged = _judged(case, fitted, candidate)
-        if judged is not None and (judged.name not in named or named[judged.name].gain < judged.gain):
-            named[judged.name] = judged
-    ranked = sorted(named.values(), key=lambda candidate: -candidate.gain)
-    likeliest = [candidate for candidate in ranked if candidate.gain > ranked[0].gain + np.log(DOUBT)][:FEW]
-    placed = [_off_placed(candidate.meant, candidate.hypothesis.of) for candidate in likeliest]
-    return [replace(candidate, then=off or candidate.then) for candidate, off in zip(likeliest, placed, strict=True)]
+    judged = dict[str, tuple[float, Misreading, str, Case]]()
+    for gain, hypothesis, then, meant in filter(None, (_judged(case, fitted, candidate) for candidate in tried)):
+        if hypothesis.name not in judged or judged[hypothesis.name][0] < gain:
+            judged[hypothesis.name] = gain, hypothesis, then, meant
+    ranked = sorted(judged.values(), key=lambda each: -each[0])
+    likeliest = [each for each in ranked if each[0] > ranked[0][0] + np.log(DOUBT)][:FEW]
+    return [(hypothesis, _off_placed(meant, hypothesis.of) or then) for _, hypothesis, then, meant in likeliest]
 
 
-def _judged(case: Case, fitted: Misfit | None, hypothesis: Misreading) -> RankedMisreading | None:
-    """Return a hypothesis with what is gained by it; None where it is not named."""
+def _judged(case: Case, fitted: Misfit | None, hypothesis: Misreading) -> tuple[float, Misreading, str, Case] | None:
+    """Return what is gained by a hypothesis, itself with its rows in its name, how far off the readings then are, in
+    words, and the case as it has it; None where it is not named.
+    """
     try:
         meant, (words, charge) = case.meant(hypothesis), _charge(case, hypothesis)
         before = fitted.view if fitted is not None and meant.rests_as(case) else None
@@ -472,7 +454,7 @@ def _judged(case: Case, fitted: Misfit | None, hypothesis: Misreading) -> Ranked
         then = misfit(meant, before, near)
     except ArmflexError:
         return None
-    gain, name = (0.0 if fitted is None else fitted.cost) - then.cost, f"{hypothesis.name}{words}"
+    gain = (0.0 if fitted is None else fitted.cost) - then.cost
     if hypothesis.slip is not None and hypothesis.of not in case.arm.sensors:
         # An arm that slips as far explains as much.
         gain = min(gain, 0.5 * (hypothesis.slip / USUAL_PRIOR.geometry) ** 2)
@@ -480,7 +462,8 @@ def _judged(case: Case, fitted: Misfit | None, hypothesis: Misreading) -> Ranked
         little = hypothesis.whole and then.off > np.sqrt(DOUBT) * fitted.off
         if little or gain - charge <= NAMED:
             return None
-    return RankedMisreading(hypothesis, name, gain - charge, then.said(hypothesis.of, then.view.residual), meant)
+    named = replace(hypothesis, name=f"{hypothesis.name}{words}")
+    return gain - charge, named, then.said(hypothesis.of, then.view.residual), meant
 
 
 def _off_placed(case: Case, of: str) -> str:
@@ -562,12 +545,6 @@ def _nearest(moving: Sequence[Misreading], seen: SeenRows, case: Case, fitted: M
 
     They move points by parts of the reach, and explain nothing where the arm, only placed, comes no nearer. One in
     which a loop does not close is none.
-
-    Args:
-        moving: Hypotheses.
-        seen: The rows of the case as written.
-        case: It.
-        fitted: How it fits.
     """
     sessions = case.sessions
     of_session = [sessions == name for name in dict.fromkeys(sessions.tolist())]
@@ -673,13 +650,7 @@ def _likeliest_turns(turned: Sequence[Misreading], case: Case, fitted: Misfit | 
 
 
 def _rows_of(change: Array, carrying: np.ndarray, fitted: Misfit) -> np.ndarray:
-    """Return (M,) in which of the rows that carry something else a hypothesis holds: where less is left with it.
-
-    Args:
-        change: (M, d) by how much its readings change.
-        carrying: (M,) which rows those are.
-        fitted: The campaign as written.
-    """
+    """Return (M,) in which of the rows that carry something else a hypothesis holds: where less is left with it."""
     chosen, where, after = np.zeros(len(carrying), bool), fitted.view.foremost, fitted.explained
     for number in range(FEW):
         here = after.left + np.where(chosen[:, None], change, 0.0)
@@ -710,9 +681,8 @@ def _moves(case: Case, fitted: Misfit) -> Iterator[Misreading]:
         read = np.flatnonzero(np.isfinite(kind.sigma).all(axis=1))
         if away := kind.some(read).elsewhere(view.at.some(read)):
             yield elsewhere(case.arm, sensors[kind.name], f"{kind.title}: {away}")
-        asked = [
-            (kind.name, kind.title if kind.name else "the instrument", fitted.explained.left[:, place], case.sessions)
-        ]
+        left = fitted.explained.left[:, place]
+        asked = [(kind.name, kind.title if kind.name else "the instrument", left, case.sessions)]
         if not kind.name:
             tip = np.einsum("nji,nj->ni", view.at.axes @ view.line.tip[:, :3, :3], fitted.explained.left[:, place])
             asked.append(("target", "the target", tip, np.zeros(len(tip))))

@@ -78,12 +78,9 @@ class Misreading:
 
 
 def misreadings(arm: Arm, measurements: Measurements, suspects: Sequence[str | None] = ()) -> Iterator[Misreading]:
-    """Yield every convention that is thought of.
+    """Yield every convention that is thought of for a campaign as it was read.
 
-    Args:
-        arm: The arm as declared.
-        measurements: The campaign as read.
-        suspects: Names of the sensors whose readings are far off, None for the orientations of the tip's target.
+    `suspects` are the names of the sensors whose readings are far off, None for the orientations of the tip's target.
     """
     # Joints that are taken to turn less bring any touches together.
     touching = all(kind.texts is not None for kind in measurements.readings.kinds)
@@ -324,11 +321,7 @@ def _of_sensor(kind: Kind, arm: Arm, measurements: Measurements) -> Iterator[Mis
 def targets_apart(arm: Arm, column: str, groups: Sequence[str], steps: Mapping[str, Array]) -> Misreading:
     """Return the hypothesis that the target is at another place in some groups of rows than in the first.
 
-    Args:
-        arm: The arm as declared.
-        column: What the groups are of.
-        groups: (N,) the group of each row, as `column` has it.
-        steps: (3,) how much farther the target is [m], tip axes, by group, all but the first.
+    The (N,) groups are of a column; (3,) steps [m], tip axes, are how much farther the target is, of all but the first.
     """
     shifts = [f"{name!r} by ({', '.join(f'{1e3 * number:.3g}' for number in step)}) mm" for name, step in steps.items()]
     first = next(name for name in groups if name not in steps)
@@ -355,14 +348,8 @@ def moved(
 ) -> Iterator[Misreading]:
     """Yield the hypotheses that an instrument or its target was moved in (N,) rows, as if no session had begun.
 
-    Args:
-        arm: The arm as declared.
-        name: Of a sensor; '' is the tracker, 'target' the target that it looks at.
-        title: What people are shown.
-        start: Where the first of them is.
-        rows: (N,) which rows those are.
-        step: (n,) by how much its readings change there [their unit], of the target in tip axes [m].
-        sessions: (N,) of the rows.
+    The name is that of a sensor; '' is the tracker, 'target' the target that it looks at. `start` says where the first
+    of the rows is, and (n,) step by how much their readings change [their unit], of the target in tip axes [m].
     """
     text = f"{title} was moved, unnoticed, from about {start} on"
     remedy = "give the rows from there on a session of their own"

@@ -198,10 +198,6 @@ def _turns(points: Array, sigma: Array | float) -> Any:
 def check_length(arm: Arm, measurements: Measurements) -> None:
     """Raise where nothing carries a length: an arm that shrinks with all its sockets then fits touches ever better.
 
-    Args:
-        arm: The arm as declared.
-        measurements: The campaign.
-
     Raises:
         ConventionError: All that was read are touches of sockets of unknown place and distance, and [prior] leaves the
             arm's scale open by more than `SCALE_KNOWN`.

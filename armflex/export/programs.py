@@ -242,12 +242,7 @@ def is_name(text: str) -> bool:
 
 
 def program(
-    language: Language,
-    arm: Arm,
-    traj: Path,
-    name: str = "armflex_path",
-    axes: str = "",
-    **asked: Any,
+    language: Language, arm: Arm, traj: Path, name: str = "armflex_path", axes: str = "", **asked: Any
 ) -> Exported:
     """Return a path as a program of joint moves.
 
@@ -359,10 +354,8 @@ def path_of(
         return path, (notes,), (), _head(path, what, arm_file)
     path, flags = (path, ()) if table_path is None else path.under(read_force_table(table_path, arm), arm)
     compensation = compensated(arm, path, covariates=covariates)
-    before, (after, sigma) = (
-        float(max(np.linalg.norm(row.before[:3]) for row in compensation.rows)),
-        compensation.remains_m,
-    )
+    before = float(max(np.linalg.norm(row.before[:3]) for row in compensation.rows))
+    after, sigma = compensation.remains_m
     relative = compensation.relative_sigma_m
     plus_minus = "" if relative is None else f" ± {relative * 1e3:.2g}"
     left = f"of {number(before * 1e3, 3)} mm at most {number(after * 1e3, 2)}{plus_minus} mm"
@@ -429,11 +422,7 @@ def _axes(arm: Arm, language: Language, text: str) -> dict[str, int]:
 
 
 def _blends(path: Trajectory) -> list[float]:
-    """Return the blend of each row [m], 0 where it has none; a path ends at rest, so its last row has none.
-
-    Raises:
-        InputError: There are several columns of blends, or one is negative.
-    """
+    """Return the blend of each row [m], 0 where it has none, as at the end; raise of several columns, or below 0."""
     factors = {"blend": 1.0} | {f"blend_{unit}": factor for unit, factor in UNITS["length"].items()}
     given = [name for name in path.covariates if name in factors]
     if len(given) > 1:

@@ -43,10 +43,7 @@ def export(
     covariates = loads.pop("covariates", None)
     calmed = calm(arm, read_trajectory(traj, arm, **loads), slower, covariates)  # pyright: ignore[reportArgumentType]
     most = max((len(motion.times) for motion in calmed.motions), default=1)
-    rows = [
-        [[*values, *[0.0] * (most - len(values))] for values in (motion.times, motion.sizes)]
-        for motion in calmed.motions
-    ]
+    rows = [[[*row, *[0.0] * (most - len(row))] for row in (motion.times, motion.sizes)] for motion in calmed.motions]
     said = [f"{motion.via or 'motion ' + str(i)}: {motion.shaper or 'none'}" for i, motion in enumerate(calmed.motions)]
     count, lengths = max(len(calmed.motions), 1), ", ".join(str(len(motion.times)) for motion in calmed.motions)
     head = f"Input shapers of the motions in {traj.name} for {arm_file or arm!r}, from rest to rest."

@@ -335,11 +335,7 @@ def _compliances(arm: Arm) -> dict[Key, tuple[float, Array]]:
     About a drive's axis a link that ends at the joint and the joint itself give as one.
     """
     twists = [effect for effect in arm.effects if effect.law.act is Act.TWIST and not effect.law.changes_model]
-    linear = [
-        effect
-        for effect in twists
-        if BoundTwist(effect, resolve(effect.location, arm.robot, arm.flexures)).proportional
-    ]
+    linear = [each for each in twists if BoundTwist(each, resolve(each.location, arm.robot, arm.flexures)).proportional]
     usable = tuple(effect for effect in linear if not needs_columns(arm, effect))
     joints = {joint.name: joint for joint in arm.robot.moving}
     compliances: dict[Key, tuple[float, Array]] = {}

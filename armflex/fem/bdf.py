@@ -87,11 +87,7 @@ Line = tuple[int, str]
 
 
 def read_bdf(path: Path, unit: str = "m") -> Mesh:
-    """Read a Nastran file; see `inp.read_inp`.
-
-    Raises:
-        MeshError: It cannot be read, is damaged, or has what is not computed here; file and line.
-    """
+    """Read a Nastran file; see `inp.read_inp`, also for what is refused."""
     draft = Draft(path, unit)
     lines = [*_lines(draft, path)]
     begins = (place for place, (_, text) in enumerate(lines) if re.match(r"\s*BEGIN\b", text, re.I))

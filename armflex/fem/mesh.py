@@ -87,12 +87,9 @@ def corners_of(kind: str) -> int:
 
 @dataclass(frozen=True)
 class Material:
-    """An isotropic linear material.
+    """An isotropic linear material: Young's modulus [Pa], Poisson's ratio and density [kg/m^3].
 
-    Attributes:
-        young: Young's modulus [Pa].
-        poisson: Poisson's ratio.
-        density: [kg/m^3], None where nobody gave it: the part has then neither mass nor weight.
+    Without a density the part has neither mass nor weight.
     """
 
     young: float
@@ -166,12 +163,7 @@ class Mesh:
         return MeshError(self.place(line), problem)
 
     def nodes_of(self, name: str) -> np.ndarray:
-        """Return the rows of a set's nodes; names of sets do not distinguish capitals.
-
-        Raises:
-            UnknownNameError: There is no such set.
-            MeshError: It has no node, or is not one of nodes.
-        """
+        """Return the rows of a set's nodes; names of sets do not distinguish capitals. One of no nodes is refused."""
         names = {name.lower(): name for name in self.sets}
         if name.lower() not in names:
             for unread, (reason, line) in self.unread.items():
@@ -348,9 +340,7 @@ class Draft:
 def with_material(mesh: Mesh, young: float | None, poisson: float | None, density: float | None) -> Mesh:
     """Return the mesh of elements that all have a material; what is given [Pa, 1, kg/m^3] is that of all.
 
-    Raises:
-        MeshError: There are no elements, or they have no material or one that no solid has.
-        InputError: What is given is that of no solid.
+    It is refused where there are no elements, or one has no material, or one that no solid has.
     """
     if not mesh.blocks and not mesh.beyond:
         raise mesh.fail(f"has no solid elements ({', '.join(SOLIDS)})")

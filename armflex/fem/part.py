@@ -188,12 +188,6 @@ def write_part(part: Part, path: Path) -> Path:
         return write_whole(path, ("\n".join(lines) + "\n").encode())
 
 
-def _flag(text: str) -> Flag:
-    """Return a flag as a PART.toml has it."""
-    code, _, about = text.partition(": ")
-    return Flag(code, about)
-
-
 def read_part(path: Path) -> Part:
     """Read a PART.toml.
 
@@ -214,6 +208,7 @@ def read_part(path: Path) -> Part:
         raise table.fail("compliance", "is not symmetric and positive definite")
     arrays["compliance"] = 0.5 * (compliance + compliance.T)
     count = len(frequencies) if isinstance(frequencies, list) else 0
+    written = (text.partition(": ") for text in (table.texts("flags") if table.has("flags") else ()))
     part = Part(
         mesh=table.text("mesh"),
         sha256=table.text("sha256", ""),
@@ -224,7 +219,7 @@ def read_part(path: Path) -> Part:
         young_std=table.std("young_std", 0.0),
         mass=table.number("mass"),
         frequencies_hz=table.numbers("frequencies_hz", (count,)) if count else np.zeros(0),
-        flags=tuple(_flag(text) for text in table.texts("flags")) if table.has("flags") else (),
+        flags=tuple(Flag(code, text) for code, _, text in written),
         **arrays,
     )
     table.finish()

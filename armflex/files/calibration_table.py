@@ -136,8 +136,7 @@ def calibration_table(arm: Arm, campaign: Campaign, unfinished: bool = False) ->
 def read_calibration(table: Declaration, arm: Arm) -> Arm:
     """Return an arm with its [calibration] table applied, but for how well that is known; see `with_certainty`.
 
-    Raises:
-        ArmFileError: A value is of the wrong shape, or names a joint or flexure that the arm does not have.
+    Values of a wrong shape, and joints or flexures that the arm does not have, are refused.
     """
     springs, sensors = {spring.name: spring for spring in arm.springs}, dict(arm.sensors)
     offset, geometry, compliance = (table.sub(name) for name in ("joint_offset", "geometry", "compliance"))
@@ -234,8 +233,7 @@ def _read_instrument(table: Declaration) -> Instrument:
 def with_certainty(table: Declaration, arm: Arm) -> Arm:
     """Return an arm, its effects in it, with how well its [calibration] table says that it is known.
 
-    Raises:
-        ArmFileError: No fit names parameters so, what is given is no covariance of them, or a key is unknown.
+    Refused are parameters that no fit names so, what is no covariance of them, and keys that are not known.
     """
     certainty = read_certainty(table, arm)
     table.finish()
@@ -253,13 +251,8 @@ def doubts(table: Declaration, arm: Arm) -> Iterator[Flag]:
     """Yield flags about what [calibration] made of an arm that no campaign is likely to have shown."""
     corrections, tool = arm.corrections, np.zeros(3) if arm.instrument is None else arm.instrument.target
     offsets = of_offsets(arm.robot)
-    deviating = [
-        (
-            offsets,
-            [corrections.joint_offset.get(str(offset.group.of), 0.0) for offset in offsets],
-            arm.prior.joint_offset,
-        )
-    ]
+    zeros = [corrections.joint_offset.get(str(offset.group.of), 0.0) for offset in offsets]
+    deviating = [(offsets, zeros, arm.prior.joint_offset)]
     for name, values in corrections.geometry.items():
         deviating.append((of_motions(ParameterKind.GEOMETRY, [name]), values.tolist(), arm.prior.geometry))
     deviating += [(of_compliance(name), values.tolist(), arm.prior.compliance) for name, values in arm.factors.items()]
@@ -310,15 +303,9 @@ def law_table(law: LearnedLaw) -> dict[str, Any]:
 
 
 def read_learned(flexure: Flexure, table: Declaration) -> Flexure:
-    """Return a flexure with what was learned of its law, but for how well that is known.
+    """Return a flexure, `learn = true`, with what [calibration.law.NAME] says was learned of its law, but for how well.
 
-    Args:
-        flexure: As declared, with `learn = true`.
-        table: Its [calibration.law.NAME].
-
-    Raises:
-        ArmFileError: The flexure is not learned any more, or is another than the one that was, or a number is none that
-            learning leaves.
+    Refused are one that is not learned any more, one other than that which was, and numbers that learning cannot leave.
     """
     if flexure.learn is None:
         raise table.fail("values", f"flexure {flexure.name!r} has no learn = true: not what was calibrated")

@@ -22,11 +22,7 @@ def check_requires(table: Declaration) -> None:
 
 
 def requires_of(document: Mapping[str, Any]) -> dict[str, str]:
-    """Return the least version, as installed, of every distribution that an arm.toml's names are of.
-
-    Args:
-        document: The file's tables.
-    """
+    """Return the least version, as installed, of every distribution that the names in an arm.toml's tables are of."""
     return {owner.name: f">={owner.version}" for owner in _owners(document) if owner is not None}
 
 

@@ -34,8 +34,7 @@ def read_spring(name: str, table: Declaration, robot: Robot) -> Spring:
 def read_ends(table: Declaration, robot: Robot) -> tuple[tuple[str, Array], tuple[str, Array]]:
     """Return the two links that something joins, each with the (3,) point of it in its frame [m].
 
-    Raises:
-        ArmFileError: There is no such link, or a point is `MILLIMETRES` times the reach away.
+    A point that is `MILLIMETRES` times the reach away is refused.
     """
     ends = []
     for key, where in (("link", "at"), ("to", "at_to")):

@@ -19,12 +19,7 @@ from armflex.robot.robot import Robot, load_robot
 
 @dataclass(frozen=True, eq=False)
 class ArmSource:
-    """What describes the arm, if anything.
-
-    Attributes:
-        robot: Of a URDF.
-        table, dh: Of DH parameters, and what they are.
-    """
+    """What describes the arm, if anything: a URDF's robot, or a table of DH parameters and what they are."""
 
     robot: Robot | None = None
     table: SourceTable | None = None
@@ -47,9 +42,7 @@ class ArmSource:
                 return slides
             kinds = [name in slides for name in self.joints]
         ordered = base_to_tip(names) or list(names)
-        return (
-            [name for name, slides in zip(ordered, kinds, strict=True) if slides] if len(ordered) == len(kinds) else []
-        )
+        return [name for name, slid in zip(ordered, kinds, strict=True) if slid] if len(ordered) == len(kinds) else []
 
     def named(self, log: Record) -> tuple[Record, list[str]]:
         """Return a log with its joints as the robot's file calls them, and what is wrong.
@@ -83,12 +76,7 @@ class ArmSource:
         return replace(log, meant=tuple(meant)), []
 
     def described(self, joined: Intake, beside: Path, tracked: bool) -> Intake:
-        """Return a campaign with the arm file, where anything describes the arm.
-
-        Args:
-            joined: The campaign.
-            beside: Its folder.
-            tracked: Whether its first target is read.
+        """Return a campaign, beside which its files are, with the arm file, where anything describes the arm.
 
         Raises:
             TableError: The table has more or fewer rows than the log has joints.

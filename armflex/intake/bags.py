@@ -284,11 +284,7 @@ class _Types:
 
 
 def _mcap(path: Path) -> Iterator[tuple[str, str, float, Any]]:
-    """Yield the messages of an MCAP file in the order in which they were written.
-
-    Raises:
-        _Cut: The file ends before its footer.
-    """
+    """Yield the messages of an MCAP file as they were written; `_Cut` where it ends before its footer."""
     try:
         from mcap.data_stream import ReadDataStream
         from mcap.opcode import Opcode
@@ -323,12 +319,9 @@ def _mcap(path: Path) -> Iterator[tuple[str, str, float, Any]]:
 
 
 def _records(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Yield opcode and content of each record of an MCAP file, those of its chunks in their place.
+    """Yield opcode and content of each record of an MCAP file, those of chunks in their place; `_Cut` without a footer.
 
     Source: the MCAP format specification, "Records" and "Chunk".
-
-    Raises:
-        _Cut: The file ends before its footer.
     """
     with path.open("rb") as file:
         size = path.stat().st_size
@@ -378,12 +371,6 @@ def _of_chunk(path: Path, data: bytes, *, whole: bool) -> Iterator[tuple[int, by
         at += 9 + length
 
 
-def _is_cdr(path: Path, topic: str, form: str) -> bool:
-    if form != "cdr":
-        raise TableError(Place(path), f"{topic} is in {form}: expected cdr")
-    return True
-
-
 def _opened(path: Path) -> tuple[sqlite3.Connection, bool]:
     """Return a file of SQLite, of one that was cut its whole pages, and whether it was cut (sqlite.org, "File Format").
 
@@ -406,11 +393,7 @@ def _opened(path: Path) -> tuple[sqlite3.Connection, bool]:
 
 
 def _sqlite(path: Path) -> Iterator[tuple[str, str, float, Any]]:
-    """Yield the messages of a rosbag2 in SQLite in the order in which they were written.
-
-    Raises:
-        _Cut: A page of it is missing.
-    """
+    """Yield the messages of a rosbag2 in SQLite as they were written; `_Cut` where a page is missing."""
     types, (base, short) = _Types(), _opened(path)
     with closing(base):
         try:
@@ -421,11 +404,11 @@ def _sqlite(path: Path) -> Iterator[tuple[str, str, float, Any]]:
                 texts = base.execute("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
                 for name, form, text in texts:
                     types.define(name, form, text)
-            topics = {
-                number: (topic, kind)
-                for number, topic, kind, form in base.execute("SELECT id, name, type, serialization_format FROM topics")
-                if kind.split("/")[-1] not in WANTED or _is_cdr(path, topic, form)
-            }
+            rows = list(base.execute("SELECT id, name, type, serialization_format FROM topics"))
+            odd = [(topic, form) for _, topic, kind, form in rows if form != "cdr" and kind.split("/")[-1] in WANTED]
+            if odd:
+                raise TableError(Place(path), f"{odd[0][0]} is in {odd[0][1]}: expected cdr")
+            topics = {number: (topic, kind) for number, topic, kind, _ in rows}
             for number, stamp, data in base.execute("SELECT topic_id, timestamp, data FROM messages"):
                 topic, kind = topics[number]
                 name = kind.split("/")[-1]

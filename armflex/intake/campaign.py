@@ -114,11 +114,7 @@ class _Placed:
             self.targets[label] = places
 
     def _read_before(self, places: Array, export: Record) -> str | None:
-        """Return which target an export reads on: one that has no other place in any row, None where that is none.
-
-        Raises:
-            TableError: Its places are another reading of those of a target.
-        """
+        """Return the target that an export reads on, with no other place in any row; refuse one that it reads again."""
         for target, before in self.targets.items():
             apart = np.linalg.norm(places - before, axis=1)
             both = np.isfinite(apart)

@@ -37,14 +37,7 @@ def _body(
 ) -> list[SourceTable]:
     """Return a body or a marker, none where it was lost in every frame.
 
-    Args:
-        path: The file.
-        part: Its name.
-        lines: (N,) line of each frame.
-        time: (N,) [s].
-        place: (N, 3) in `unit`; '' where that is stated nowhere.
-        unit: Of the place.
-        turn: (N, 4) quaternion x y z w.
+    Of (N,) frames it has (N, 3) places in a unit, '' where that is stated nowhere, and (N, 4) quaternions x y z w.
     """
     if lost(place).all():
         return []
@@ -55,11 +48,7 @@ def _body(
 
 
 def _values(path: Path, lines: Sequence[int], rows: Sequence[Sequence[str]], at: Sequence[int]) -> Array:
-    """Return (N, k) numbers of some columns, not a number where nothing was read.
-
-    Raises:
-        TableError: A cell is neither, or a row ends between those of the columns.
-    """
+    """Return (N, k) numbers of some columns, nan where nothing was read; raise where a cell is neither, or missing."""
     values = np.full((len(rows), len(at)), np.nan)
     for i, cells in enumerate(rows):
         if min(at) < len(cells) <= max(at):
@@ -100,9 +89,6 @@ def read_motive(path: Path) -> list[SourceTable]:
     """Return every rigid body and marker of a Motive export (1.20 .. 1.24): its header says the length unit.
 
     Source: OptiTrack's documentation, "Data Export: CSV".
-
-    Raises:
-        TableError: It has no such header, is cut, or has neither.
     """
     rows = _rows(path)
     head = dict(zip(rows[0][::2], rows[0][1::2], strict=False))
@@ -141,9 +127,6 @@ def read_vicon(path: Path) -> list[SourceTable]:
 
     A section has its kind, its rate [Hz], the names, the columns and the units in a line each, then the frames up to an
     empty line (Vicon Nexus User Guide, "Export data to an ASCII file").
-
-    Raises:
-        TableError: A section is spoilt, or none has a place.
     """
     rows, sources, i = _rows(path), list[SourceTable](), 0
     while i < len(rows):
@@ -184,9 +167,6 @@ def read_qualisys(path: Path) -> list[SourceTable]:
     """Return every marker (3D) or body (6D) of a TSV of Qualisys' QTM, whose lengths are in mm.
 
     Source: Qualisys Track Manager User Manual, "TSV file formats".
-
-    Raises:
-        TableError: It is cut, has another number of columns than of markers, or neither rate nor times.
     """
     rows = _rows(path)
     first = next((i for i, row in enumerate(rows) if row[:1] != [""] and all(map(NUMBER.fullmatch, filter(None, row)))),
@@ -225,9 +205,6 @@ def read_trc(path: Path) -> list[SourceTable]:
     """Return every marker of a TRC file, as OpenSim, Motive and Cortex write it.
 
     Source: OpenSim documentation, "Marker (.trc) Files".
-
-    Raises:
-        TableError: It is cut, or its header lacks units or names.
     """
     rows = [[cell.strip() for cell in row] for row in csv.reader(text_lines(path), delimiter="\t")]
     head = dict(zip(*rows[1:3], strict=False)) if len(rows) > 3 else {}
@@ -250,9 +227,6 @@ def read_ndi(path: Path) -> list[SourceTable]:
     """Return every tool of a CSV of NDI's ToolBox or of its Combined API's sample program, whose lengths are in mm.
 
     A tool that is not OK has no reading, whatever its numbers are.
-
-    Raises:
-        TableError: A line lacks cells, or frames were counted without a time.
     """
     rows = _rows(path)
     head, lines = rows[0], [i for i, row in enumerate(rows[1:], 2) if any(row)]
@@ -369,10 +343,7 @@ def markers(source: SourceTable) -> list[SourceTable]:
         kept = [k for k, meaning in enumerate(meant) if k in places or meaning.kind in ("time", "name")]
         sources.append(
             replace(
-                source,
-                header=tuple(header[k] for k in kept),
-                columns=tuple(source.columns[k] for k in kept),
-                part=base,
+                source, header=tuple(header[k] for k in kept), columns=tuple(source.columns[k] for k in kept), part=base
             )
         )
     return sources or [source]

@@ -164,11 +164,9 @@ def doubt(record: Record) -> str:
 
 
 def goes_back(time: Array, values: Array) -> int | None:
-    """Return the row at which a clock is set back, None where it runs on, or down all the way.
+    """Return the row at which a clock is set back, None where (N,) times [s] run on, or down all the way.
 
-    Args:
-        time: (N,) [s], as written.
-        values: (N, d) of which the first is read in all rows that count; other rows are of other topics.
+    Of (N, d) values the first is read in all rows that count; other rows are of other topics.
     """
     rows = np.flatnonzero(np.isfinite(values[:, 0]))
     steps = np.diff(time[rows])
@@ -177,12 +175,7 @@ def goes_back(time: Array, values: Array) -> int | None:
 
 
 def _seconds(text: str, american: bool) -> float | None:
-    """Return the time that a text says [s]; of a clock without a day since midnight.
-
-    Args:
-        text: It.
-        american: Whether the month is before the day in days with slashes.
-    """
+    """Return the time that a text says [s], of a clock without a day since midnight; an American month is first."""
     try:
         date = datetime.fromisoformat(text)
         return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()

@@ -81,9 +81,7 @@ COUNT = re.compile(r"[^\W\d_]*[ _]?(\d+)(?:\.0*)?", re.IGNORECASE)
 """Columns that count the rows, and their cells: 1, J1, Joint 1."""
 
 VARIABLE = r"(?P<variable>(?:(?:q|theta|θ|ϑ|th)_?(?P<turning>\d*)\*?|d_?(?P<sliding>\d*)\*))"
-CELLS = [
-    re.compile(pattern) for pattern in (CONSTANT, rf"{VARIABLE}(?:(?=[+-]){CONSTANT})?", rf"{CONSTANT}\+{VARIABLE}")
-]
+CELLS = [re.compile(form) for form in (CONSTANT, rf"{VARIABLE}(?:(?=[+-]){CONSTANT})?", rf"{CONSTANT}\+{VARIABLE}")]
 """A number, also of pi; a joint's variable; and both: q2-90, -pi/2."""
 
 BEFORE = re.compile(r"(?:alpha|α|a)[_ ]?\(?i ?- ?1\)?")
@@ -216,9 +214,7 @@ def read_dh(source: SourceTable, form: str | None, ask: Ask | None, asked: Mappi
     lengths = next((unit for title, what, unit, _ in taken if what == "DH d"), "")
     limits, ends, of_limits = _limits(source, slides, bool((theta + home + offset).any()), lengths, unused)
     bodies, weighing, of_bodies = _bodies(source, ask, unused)
-    beside, about = _beside(
-        source, {at for at, _ in columns.values()}, {title for title, *_ in (*ends, *weighing)}, unused
-    )
+    beside, about = _beside(source, {i for i, _ in columns.values()}, {name for name, *_ in (*ends, *weighing)}, unused)
     form, why, open_ = _form(source, form, ask, khalil)
     if columns.keys().isdisjoint(("theta", "offset", "home")):
         text = "no column has theta, the angle of each row where its joint is at 0: --take 'COLUMN=theta' says which it"
@@ -312,12 +308,8 @@ def _limits(
 ) -> tuple[Array, list[tuple[str, str, str, str]], list[str]]:
     """Return (n, 2) limits [rad or m], what their columns are, and what is wrong with them.
 
-    Args:
-        source: The table.
-        slides: (n,) which joints slide.
-        turned: Whether theta has a constant beside the joint's position.
-        lengths: Unit of d, which limits of joints that slide have where theirs is not stated.
-        unused: Names of columns that are left out.
+    Theta may have a constant beside the joint's position, so that it is `turned`. What slides has limits in the unit of
+    d, `lengths`, where theirs is not stated.
     """
     limits, taken, wrong = np.full((len(slides), 2), np.nan), list[tuple[str, str, str, str]](), list[str]()
     marked = np.zeros(len(slides), dtype=bool)
@@ -364,22 +356,14 @@ def _limits(
             wrong.append(f"{source.path}: {header!r} {text}: write it as {example!r}, or --take '{header}=unused'")
         elif read.any():
             limits[read] *= units[of]
-            taken = [
-                (title, what, stated or of, why or f"a value of {largest:g}") for title, what, stated, why in taken
-            ]
+            taken = [(name, what, stated or of, why or f"a value of {largest:g}") for name, what, stated, why in taken]
     return limits, taken, wrong
 
 
 def _bodies(
     source: SourceTable, ask: Ask | None, unused: Collection[str]
 ) -> tuple[Array, list[tuple[str, str, str, str]], list[str]]:
-    """Return (n, 4) masses [kg] and their centres [m] in the rows' frames, what their columns are, and what is wrong.
-
-    Args:
-        source: The table.
-        ask: Asks where a unit is open.
-        unused: Names of columns that are left out.
-    """
+    """Return (n, 4) masses [kg] and their centres [m] in the rows' frames, their columns, and what is wrong."""
     bodies, taken, wrong = np.zeros((len(source.lines), 4)), list[tuple[str, str, str, str]](), list[str]()
     given, masses = set[int](), ""
     for header, column in zip(source.header, source.columns, strict=True):

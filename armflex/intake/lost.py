@@ -57,10 +57,7 @@ MOST_STATES = 8
 def without_lost(source: Source, meant: Sequence[Meaning], counted: bool = True) -> Source:
     """Return a file whose coordinates and orientations are empty where its target was lost; a note says how often.
 
-    Args:
-        source: The file.
-        meant: What its columns are; x, y and z among them, in any unit.
-        counted: Whether a column of states is of the instrument, and not of a controller that has one of its own.
+    Columns of states are `counted` where they are of the instrument, and not of a controller that has one of its own.
 
     Raises:
         TableError: The target is lost in every row, or a column of states does not say in which.
@@ -84,11 +81,7 @@ def without_lost(source: Source, meant: Sequence[Meaning], counted: bool = True)
 
 
 def _unread(source: SourceTable, meaning: Meaning, cells: Sequence[str], counted: bool) -> np.ndarray:
-    """Return (N,) where a column says that nothing was read.
-
-    Raises:
-        TableError: It has states, and which of them are readings is not known.
-    """
+    """Return (N,) where a column says that nothing was read; raise where its states do not say which are readings."""
     asked = meaning.why == "as asked"
     match = STATE.fullmatch((meaning.name if asked else meaning.column).strip()) if meaning.name else None
     kind = match.lastgroup if match else ""

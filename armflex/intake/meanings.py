@@ -406,11 +406,7 @@ def combined(
 ) -> list[str]:
     """Return what is wrong with columns that are computed of joints, `A2+A3`, where one of them has no other column.
 
-    Args:
-        source: A file.
-        meant: What its columns are.
-        taken: As for `meanings`.
-        joints: Names of the robot's, where its file is there.
+    What is `taken` is as for `meanings`; the joints are the robot's, where its file is there.
     """
     computed = dict[str, list[str]]()
     for meaning in meant:

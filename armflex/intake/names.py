@@ -16,11 +16,9 @@ COUNT = re.compile(r"\d+(?:\.\d*)?(?:e\+?\d{1,2})?", re.IGNORECASE)
 
 
 class Pairing(NamedTuple):
-    """What rows and points are called by: those of equal keys are of one another.
+    """What (N,) `rows` and (M,) `points` are called by: those of equal keys are of one another.
 
-    Attributes:
-        rows, points: (N,) and (M,) keys.
-        numbered: Whether only the numbers in their names are compared.
+    `numbered` says whether only the numbers in their names are compared.
     """
 
     rows: list[Hashable]
@@ -36,9 +34,7 @@ class Pairing(NamedTuple):
 def paired_names(rows: Sequence[str], points: Sequence[str], by_number: bool = True) -> Pairing | None:
     """Return by what most names of two files are of one another, None where that is not certain of any.
 
-    Args:
-        rows, points: (N,) and (M,) names, repeated or not.
-        by_number: Whether names of which only the numbers agree are compared.
+    Names of which only the numbers agree are compared where `by_number` says so.
     """
     spelt = tuple([tuple(_parts(name)) for name in names] for names in map(_whole, (rows, points)))
     tried = [Pairing(list(rows), list(points), False), Pairing(list(spelt[0]), list(spelt[1]), False)]

@@ -7,17 +7,12 @@ import numpy as np
 
 from armflex.errors import FEW, did_you_mean, listing
 from armflex.intake.bags import together
-from armflex.intake.meanings import Ask, Meaning
+from armflex.intake.meanings import Ask
 from armflex.intake.record import Record
 from armflex.intake.sources import SourceTable, numbers
 
 TURNS = ("a", "b", "c", "w", "p", "r", "rx", "ry", "rz")
 """Columns beside a controller's own X Y Z that are the orientation of its tool."""
-
-
-def of_tool(meaning: Meaning) -> bool:
-    """Return whether a column is of the place and the orientation of a controller's tool."""
-    return meaning.kind in ("coordinate", "turn") or meaning.name.lower() in TURNS
 
 
 def gone_on(sources: Sequence[SourceTable]) -> list[SourceTable]:
@@ -103,7 +98,9 @@ def with_roles(records: list[Record], targets: Sequence[str], ask: Ask | None) -
             record = replace(record, role="log")
             if exports and record.has("coordinate"):
                 why = "the controller's own, computed from its joints"
-                record = record.where(of_tool, kind="unused", unit="", why=why)
+                of_tool = [column for column in record.meant if column.kind in ("coordinate", "turn")]
+                of_tool += [column for column in record.meant if column.name.lower() in TURNS]
+                record = record.where(of_tool.__contains__, kind="unused", unit="", why=why)
         elif record in exports:
             record = replace(record, role="export", rank=exports.index(record))
         roles.append(record)

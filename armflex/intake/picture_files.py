@@ -74,12 +74,7 @@ def board_of(text: str) -> str:
 def camera(source: SourceTable, board: str, on_arm: bool, name: str, beside: Path) -> tuple[str, list[str], list[str]]:
     """Return the [instrument.NAME] of pictures, "TIP" for the link that it is on; what was found; and what is wrong.
 
-    Args:
-        source: The pictures.
-        board: As `board_of` has it.
-        on_arm: Whether the board is on the arm, and not the camera.
-        name: Of the instrument.
-        beside: Folder of the campaign.
+    The board is as `board_of` has it, and may be on the arm instead of the camera.
     """
     link = "board_link" if on_arm else "camera_link"
     lines = [f"[instrument.{name}]", 'kind = "pixels"', f'{link} = "TIP"         # the link that it is on', board]

@@ -106,18 +106,6 @@ def is_pointing(path: Path) -> bool:
     return len(kept) > 2 and len(_latitude(kept[1])) >= 3 and len(_numbers(kept[2])) >= 12
 
 
-def _read_run(path: Path) -> Run:
-    """Read a pointing run.
-
-    Raises:
-        TableError: A line is no part of one, is cut, or gives places of a catalogue; names file and line.
-    """
-    lines = list(text_lines(path))
-    if any(line.startswith(f"{AXES_AT}:") for line in lines[:LOOKED_AT]):
-        return _read_records(path, lines)
-    return _read_tpoint(path, lines)
-
-
 def _kept(lines: Sequence[str]) -> Iterator[tuple[int, str]]:
     """Yield number and text of every line that is not empty without its comment; the caption may have any sign."""
     caption = False
@@ -191,11 +179,7 @@ def _read_tpoint(path: Path, lines: Sequence[str]) -> Run:
 
 
 def _form(path: Path, row: tuple[int, str], count: int, mounts: Sequence[str]) -> tuple[str, int]:
-    """Return what a row has, in words, and how many numbers that are.
-
-    Raises:
-        TableError: It is none of the forms, or a place of a catalogue, or the kind of mount is open.
-    """
+    """Return what a row has, in words, and how many numbers that are; raise for none, or an open kind of mount."""
     place, cells = Place(path, row[0]), row[1].split()
     equinox = next((cell for cell in cells[6:9] if re.fullmatch(r"[JB]?(?:1[89]|2[01])\d\d(?:\.\d*)?", cell)), None)
     if count >= 8 and equinox is not None:
@@ -321,7 +305,9 @@ def joined_runs(paths: Sequence[Path], taken: Mapping[str, str], sigma: float | 
         raise InputError(f"{runs[0]} is a pointing run: leave out --{'take' if taken else 'sigma'}, {text}")
     for path in runs:
         try:
-            read.append(_read_run(path))
+            texts = list(text_lines(path))
+            recorded = any(text.startswith(f"{AXES_AT}:") for text in texts[:LOOKED_AT])
+            read.append((_read_records if recorded else _read_tpoint)(path, texts))
         except TableError as error:
             wrong.append(str(error))
     if wrong:
@@ -357,11 +343,7 @@ def _instrument_text(run: Run) -> str:
 
 
 def _mount_text(run: Run) -> str:
-    """Return an arm file of a mount with the two axes of a run; of an equatorial one the base's z is at the pole.
-
-    Raises:
-        InputError: The latitude of an equatorial one is not stated.
-    """
+    """Return an arm file of a mount with the two axes of a run; of an equatorial one the base's z is at the pole."""
     down = [0.0, 0.0, -STANDARD_GRAVITY]
     if run.joints == MOUNTS["EQUAT"]:
         if run.latitude is None:
@@ -377,21 +359,16 @@ def _mount_text(run: Run) -> str:
         "",
     ]
     lines += ["[flexure.tube]", f'joint = "{second}"', "compliance = [0, 0, 0, 1e-6, 1e-6, 1e-6]   # rad/Nm: yours", ""]
+    apart = (run.star - run.axes + np.pi) % TURN - np.pi  # axes and stars: the zeros of the axes are as far off
     lines += [
         _instrument_text(run),
         "",
         "[prior]",
-        f"joint_offset = {_offset(run):.1g}",
+        f"joint_offset = {max(USUAL_OFFSET, 2.0 * float(np.abs(np.median(apart, axis=0)).max())):.1g}",
         "geometry = 2e-3",
         "compliance = 2.0",
     ]
     return "\n".join(lines) + "\n"
-
-
-def _offset(run: Run) -> float:
-    """Return a prior standard deviation of the zeros of the axes [rad], by how far they and the stars are apart."""
-    apart = (run.star - run.axes + np.pi) % TURN - np.pi
-    return float(max(USUAL_OFFSET, 2.0 * np.abs(np.median(apart, axis=0)).max()))
 
 
 def _meanings(run: Run) -> Iterator[tuple[str, str, str, str, str]]:

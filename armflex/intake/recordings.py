@@ -26,12 +26,7 @@ MOST_BYTES = 20_000_000_000
 
 
 def read_sources(path: str | Path) -> list[SourceTable]:
-    """Read a file as it is: a table, or every part of a recording.
-
-    Raises:
-        UnsupportedError: The package that reads it is not installed.
-        TableError: The file cannot be read, or has no joints and no positions.
-    """
+    """Read a file as it is, a table or every part of a recording; raise where it has no joints and no positions."""
     path = Path(path)
     if is_pictures(path):
         return [read_folder(path)]

@@ -205,11 +205,7 @@ def read_table_source(path: Path) -> SourceTable:
 
 
 def _units_of(source: SourceTable) -> list[str]:
-    """Return what a column that states the unit of each row says, as a comment does.
-
-    Raises:
-        TableError: Rows are in different units.
-    """
+    """Return what a column with the unit of each row says, as a comment does; raise where they differ."""
     at = next((i for i, name in enumerate(source.header) if UNITS_COLUMN.fullmatch(name.strip())), None)
     cells = [] if at is None else [str(cell) for cell in source.columns[at]]
     given = dict.fromkeys(filter(None, (cell.strip(" []()").lower() for cell in cells)))
@@ -354,11 +350,8 @@ def _named_joints(source: SourceTable) -> SourceTable:
         matches = [LISTED.fullmatch(str(cell)) for cell in columns[at]] if listed else []
         rows = [[part.strip("'\" ") for part in BETWEEN.split(match[1])] for match in matches if match]
         if listed and rows and len(rows) == len(matches) and len({len(row) for row in rows}) == 1:
-            base, mark, unit = (
-                listed["message"] or listed["base"],
-                "_{}" if listed["message"] else "[{}]",
-                listed["unit"],
-            )
+            base, unit = listed["message"] or listed["base"], listed["unit"]
+            mark = "_{}" if listed["message"] else "[{}]"
             header[at : at + 1] = [f"{base}{mark.format(i)}{unit}" for i in range(len(rows[0]))]
             columns[at : at + 1] = list(zip(*rows, strict=True))
     of = {

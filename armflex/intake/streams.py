@@ -129,13 +129,10 @@ def spread(time: Array) -> Array:
 
 
 def aligned(series: Mapping[str, tuple[Array, Array]]) -> tuple[Array, dict[str, Array]]:
-    """Return all times (N,) of several series and each of them there, linear between its own samples.
+    """Return all times (N,) of several series [s], ascending, and each there, linear between its own (M,) samples.
 
     What is there all the time at one value has it always; another series is not a number before its first and after its
     last sample, and within a pause in which it changed.
-
-    Args:
-        series: (M,) times [s], ascending, and (M,) values of each, by name.
     """
     time = np.unique(np.concatenate([stamps for stamps, _ in series.values()]))
     return time, {name: between(time, stamps, values) for name, (stamps, values) in series.items()}
@@ -155,16 +152,11 @@ def between(time: Array, stamps: Array, values: Array) -> Array:
 
 
 def two_sources(time: Array, values: Array, unit: str) -> tuple[int, int] | None:
-    """Return two of (N, d) samples in `unit` that two sources must have written; None where one wrote all.
+    """Return two of (N, d) samples in a unit of `STILL` that two sources must have written; None where one wrote all.
 
     A joint jumps away and back again and again, see `_jumps`. Or, in most spans of time in which nothing else moves,
     values change to and fro between two, or among up to `MOST_SOURCES`, that are further apart than `DISPUTED` times
     the scatter about them, and than neighbours of a coarse encoder or of few digits, or its dither.
-
-    Args:
-        time: (N,) [s], in any order.
-        values: (N, d) positions.
-        unit: "rad" or "m", see `STILL`.
     """
     order = np.argsort(time, kind="stable")
     for column in values.T if unit == "rad" else ():
@@ -240,11 +232,7 @@ def unwrapped(values: Array) -> Array:
 def never_there(time: Array, values: Array) -> np.ndarray:
     """Return (N,) which rows of (N, n) joint positions [rad or m] are noughts that a driver has before it is asked.
 
-    All joints are at 0 in them, and are there or leave there faster than any joint moves.
-
-    Args:
-        time: (N,) [s], ascending.
-        values: (N, n).
+    All joints are at 0 in them, and are there or leave there faster than any joint moves. Times (N,) ascend [s].
     """
     zero = (values == 0.0).all(axis=1)
     edges = np.flatnonzero(np.diff(zero.astype(int)))
@@ -255,16 +243,11 @@ def never_there(time: Array, values: Array) -> np.ndarray:
 
 
 def held(places: Array, time: Array, spans: Array, joints: Array) -> np.ndarray:
-    """Return (N,) which rows of a target are the last place again, of an instrument that holds it where it reads none.
+    """Return (N,) which (N, 3) places are the last one again, of an instrument that holds it where it reads none.
 
     Such are rows that are equal over `HELD` and more, of a target that is otherwise not at one place twice while the
-    arm stands: noise sees to that. Without noise they are those at which a joint has turned since the first of them.
-
-    Args:
-        places: (N, 3), ascending in time.
-        time: (N,) [s].
-        spans: (K, 2) first and last time [s] of each stand.
-        joints: (N, n) positions [rad or m] at these times.
+    arm stands, in (K, 2) spans: noise sees to that. Without noise they are those at which one of (N, n) joints [rad or
+    m] has turned since the first of them. Times (N,) ascend [s].
     """
     same = np.concatenate([[False], (np.diff(places, axis=0) == 0.0).all(axis=1)])
     run = np.cumsum(~same)
@@ -278,15 +261,11 @@ def held(places: Array, time: Array, spans: Array, joints: Array) -> np.ndarray:
 
 
 def repeated(places: Array, joints: Array) -> np.ndarray:
-    """Return (N,) which readings are the last place again, to the last digit, though joints moved since it was read.
+    """Return (N,) which (N, 3) places are the last one again, to the last digit, though (N, n) joints moved since.
 
     An instrument that holds its last value where its beam is lost writes such rows: from the first on, all until the
     place changes, also those of a pose that is read twice. None are where most rows are such: there the target is put
-    into the same few places on purpose.
-
-    Args:
-        places: (N, 3), in the order in which they were read.
-        joints: (N, n) positions [rad or m] of the same rows.
+    into the same few places on purpose. Rows are in the order in which they were read.
     """
     there = np.flatnonzero(np.isfinite(places).all(axis=1))
     same = (np.diff(places[there], axis=0, prepend=np.nan) == 0.0).all(axis=1)
@@ -298,13 +277,7 @@ def repeated(places: Array, joints: Array) -> np.ndarray:
 
 
 def dwells(time: Array, values: Array, unit: str) -> Array:
-    """Return (K, 2) first and last time [s] of each stretch in which nothing moves.
-
-    Args:
-        time: (N,) [s], in any order.
-        values: (N, d) joint positions, or a place, in `unit`.
-        unit: "rad" or "m", see `STILL`.
-    """
+    """Return (K, 2) first and last time [s] of each stretch in which no (N, d) value in a unit of `STILL` moves."""
     from scipy.ndimage import maximum_filter1d, minimum_filter1d  # only where something was recorded
 
     if not (np.isfinite(values).all(axis=1) & np.isfinite(time)).any():
@@ -325,14 +298,9 @@ def dwells(time: Array, values: Array, unit: str) -> Array:
 
 
 def unsteady(time: Array, places: Array, spans: Array) -> np.ndarray:
-    """Return (N,) which places are far from where the target is in their dwell, all of one in which it moves on.
+    """Return (N,) which (N, 3) places [m] are far from the target's in their dwell, all of one in which it moves on.
 
-    Far is beyond `SWINGS` and six times the distance that is usual.
-
-    Args:
-        time: (N,) [s].
-        places: (N, 3) [m], nan where none was read.
-        spans: (K, 2) first and last time of each dwell [s].
+    Far is beyond `SWINGS` and six times the distance that is usual. Dwells are (K, 2) first and last times [s].
     """
     gone, away, usual = np.zeros(len(time), dtype=bool), list[tuple[np.ndarray, Array]](), list[float]()
     for start, end in spans:
@@ -504,13 +472,9 @@ def _poses(joints: Array, stands: np.ndarray) -> list[int]:
 
 
 def paired(spans: Array, times: Array) -> tuple[np.ndarray, float]:
-    """Return (M,) which span each time is in, -1 for none, and the difference of their clocks [s] that was found.
+    """Return (M,) which of (K, 2) spans each time [s] is in, -1 for none, and the difference found of their clocks.
 
     Clocks as they are, where that puts most times into spans of their own; else the difference that puts most there.
-
-    Args:
-        spans: (K, 2) first and last time of each row [s], apart and ascending.
-        times: (M,) of single readings [s].
     """
 
     def placed(shift: float) -> np.ndarray:
@@ -536,15 +500,11 @@ def paired(spans: Array, times: Array) -> tuple[np.ndarray, float]:
 
 
 def nearest(rows: Array, points: Array) -> tuple[np.ndarray, float]:
-    """Return (M,) which row each point is of, -1 for none, and the difference of their clocks [s] that was found.
+    """Return (M,) which of (N,) rows each point is of, -1 for none, and the difference found of their clocks [s].
 
     A point belongs to the row that is nearest to it, as far from it as the points usually are. Clocks are as they are
     where points are then near their rows; else, and where points are then scattered `1 / PUNCTUAL` times less, at the
     difference at which most rows have a point, equally far.
-
-    Args:
-        rows: (N,) times [s] of rows that are no recording, in any order.
-        points: (M,) times [s] of single readings.
 
     Raises:
         InputError: Several differences do equally well.

@@ -147,14 +147,10 @@ def check_joint_units(
 
 
 def turned_back(q: Array, arm: Arm) -> tuple[Array, Flag | None]:
-    """Return joint positions on the branch that their joints hold, and the flag about columns that were on another.
+    """Return (N, nq) positions [rad or m] on the branch that their joints hold, and the flag about columns on another.
 
     Controllers count from 0 to 360 degrees, or from -180 to 180: a joint within its limits then shows a full turn more
     or less. Where limits leave more than one branch open, a column is cut at its widest gap instead of amid its values.
-
-    Args:
-        q: (N, nq) as written [rad or m].
-        arm: The arm.
     """
     full, turns, open_ = 2.0 * np.pi, np.zeros(q.shape), list[tuple[int, float, float, bool]]()
     robot = arm.robot
@@ -225,9 +221,7 @@ def unread_orientation(columns: Mapping[str, object]) -> list[str]:
             return [called[name] for name in names]
     for stem, parts in by_stem(columns).items():
         if (axes := ends(parts)) in QUATERNIONS:
-            squares = [
-                np.square(values) for values in map(columns.get, parts.values()) if isinstance(values, np.ndarray)
-            ]
+            squares = [np.square(part) for part in map(columns.get, parts.values()) if isinstance(part, np.ndarray)]
             if len(squares) == 4 and np.isclose(sum(squares), 1.0, atol=2.0 * ROUNDED).all():
                 return [parts[axis] for axis in axes[1:] + axes[0]]
         elif axes == "xyz" and TURNED.fullmatch(stem):

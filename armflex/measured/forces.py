@@ -184,9 +184,7 @@ class ForceTable:
         def between(values: Array) -> Array:
             return np.column_stack([np.interp(lengths, self.s, column) for column in values.T])
 
-        return tuple(
-            Wrench(wrench.frame, between(wrench.force), between(wrench.moment), wrench.axes) for wrench in self.wrenches
-        )
+        return tuple(Wrench(load.frame, between(load.force), between(load.moment), load.axes) for load in self.wrenches)
 
     def missed(self, lengths: Array) -> float:
         """Return the largest force [N] that loads linear between (N,) lengths [m] leave out: corners of the table."""

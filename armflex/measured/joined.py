@@ -108,12 +108,7 @@ def joined(campaigns: Sequence[Measurements], arm: Arm) -> Measurements:
 
 
 def _named(campaigns: Sequence[Measurements]) -> dict[str, Measurements]:
-    """Return campaigns by the name of their files; a further one of that name has its number.
-
-    Raises:
-        InputError: One is given twice.
-        UnsupportedError: Several of them touch sockets.
-    """
+    """Return campaigns by file name, a further one with its number; refuse one given twice, or several with sockets."""
     given: dict[str, Measurements] = {}
     for number, campaign in enumerate(campaigns, 1):
         file = campaign.places[0].file if campaign.places else None
@@ -151,11 +146,8 @@ def _poses(given: Mapping[str, Measurements]) -> tuple[str, ...]:
 
 def _columns(given: Mapping[str, Measurements], arm: Arm) -> tuple[dict[str, Array | tuple[str, ...]], list[Flag]]:
     """Return the columns that all campaigns have, and flags about the others; a text among numbers makes them texts."""
-    needed = {
-        needed_column.partition(LEVEL_OF)[0]: effect.name
-        for effect in arm.effects
-        for needed_column in effect.location.covariates
-    }
+    asked = ((name, effect) for effect in arm.effects for name in effect.location.covariates)
+    needed = {name.partition(LEVEL_OF)[0]: effect.name for name, effect in asked}
     columns: dict[str, Array | tuple[str, ...]] = {}
     flags: list[Flag] = []
     for column in dict.fromkeys(name for campaign in given.values() for name in campaign.covariates):
@@ -194,18 +186,12 @@ def _readings(campaigns: Sequence[Measurements]) -> Readings:
     count, kinds = sum(map(len, campaigns)), dict[tuple[type[Kind], str], Kind]()
     for campaign, place in _pieces(campaigns):
         for kind in campaign.readings.kinds:
-            key = type(kind), kind.name
-            before = kinds.get(
-                key, replace(kind, values=_filled(kind.values, count), sigma=_filled(kind.sigma, count, np.inf))
-            )
-            before.values[place], before.sigma[place] = kind.values, kind.sigma
-            kinds[key] = before
+            key, shape = (type(kind), kind.name), (count, *kind.values.shape[1:])
+            unread = replace(kind, values=np.zeros(shape), sigma=np.full(shape, np.inf))
+            whole = kinds.setdefault(key, unread)
+            whole.values[place], whole.sigma[place] = kind.values, kind.sigma
     # Those of the tip stand first; see `Readings.foremost`.
     return Readings(count, tuple(sorted(kinds.values(), key=lambda kind: bool(kind.name))))
-
-
-def _filled(like: Array, count: int, value: float = 0.0) -> Array:
-    return np.full((count, *like.shape[1:]), value)
 
 
 def _loads(campaigns: Sequence[Measurements]) -> tuple[Wrench, ...]:

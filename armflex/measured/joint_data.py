@@ -153,9 +153,7 @@ def as_joint_data(data: JointData | Tabular) -> JointData:
 def _one_axis(table: Table) -> tuple[str, str] | None:
     """Return the load and the deflection of a table that loads one axis alone, None of another table."""
     kinds = {name: (KINDS | ONE_AXIS)[name] for name in table.columns if name in KINDS | ONE_AXIS}
-    both = [
-        [name for name, kind in kinds.items() if kind in some] for some in (("force", "moment"), ("length", "angle"))
-    ]
+    both = [[name for name, kind in kinds.items() if kind in of] for of in (("force", "moment"), ("length", "angle"))]
     if all(len(names) > 1 for names in both):  # the other axes may stand there as zeros
         both = [[name for name in names if np.any(table.plain(name))] for names in both]
     if [len(names) for names in both] != [1, 1] or not all(table.columns[name].unit for (name,) in both):

@@ -144,9 +144,7 @@ class Measurements(Rows, Result):
             columns |= dict(zip(names, read.T, strict=True))
             columns |= dict(zip(stds, np.where(np.isfinite(sigma), sigma, np.nan).T, strict=False))
             beside = {f"{kind.name}_{key}": getattr(kind, key) for key in kind.beside}
-            columns |= {
-                key: np.where(column > 0, column, np.nan) for key, column in beside.items() if column is not None
-            }
+            columns |= {key: np.where(part > 0, part, np.nan) for key, part in beside.items() if part is not None}
         return columns | dict(self.covariates)
 
     def __repr__(self) -> str:
@@ -462,11 +460,7 @@ DATE = re.compile(r"\d{4}-\d\d-\d\d(?:[T ].*)?")
 
 
 def _dates(table: Table) -> list[datetime] | None:
-    """Return when each row was, None where the column time has numbers or is not there.
-
-    Raises:
-        TableError: A cell is no date where the first is one, or only some say how far they are from UTC.
-    """
+    """Return when each row was, None without dates; raise where a cell is none, or only some are of UTC."""
     cells = table.texts("time") if "time" in table.columns else ()
     if not cells or table.columns["time"].unit or not DATE.fullmatch(cells[0]):
         return None

@@ -45,9 +45,7 @@ def read_pictures(table: Table, sensor: Sensor) -> Array:
     assert isinstance(camera, Camera)
     empty = sensor.unread(len(table))
     if name not in table.columns:
-        given = sorted(
-            {number for i, header in enumerate(empty.headers) if header in table.columns for number in (i, i ^ 1)}
-        )
+        given = sorted({at for i, header in enumerate(empty.headers) if header in table.columns for at in (i, i ^ 1)})
         table.require(empty.headers[i] for i in given)
         values = np.full(empty.values.shape, np.nan)
         for i in given:
@@ -89,11 +87,7 @@ def without_board(measurements: Measurements, table: Table, name: str) -> Iterat
 
 
 def read_corners(path: Path, board: Board) -> dict[str, Array]:
-    """Return (2 C,) corners u, v [px] by picture, not a number where they were not found.
-
-    Raises:
-        TableError: A column is missing, a corner is none of the board's, or one stands twice in a picture.
-    """
+    """Return (2 C,) corners u, v [px] by picture, nan where none was found; raise of one that stands twice."""
     table = read_table(path, {"u": "pixel", "v": "pixel"})
     table.require(CORNER)
     pictures: dict[str, Array] = {}

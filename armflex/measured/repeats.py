@@ -124,14 +124,7 @@ def repeats(measurements: Measurements, tolerance: float = REPEATED) -> Repeats 
 
 
 def _scatter(position: Array, labels: np.ndarray, rows: np.ndarray, sigma: Array) -> Scatter | None:
-    """Return the pooled scatter of rows that share a label, None where none do but for lost ones.
-
-    Args:
-        position: (N, 3) [m].
-        labels: (N,).
-        rows: Which of them count.
-        sigma: (N, 3) stated standard deviations [m].
-    """
+    """Return the pooled scatter of (N, 3) positions that share a label, None where none do but for lost ones."""
     order = rows[np.argsort(labels[rows], kind="stable")]
     sets = [alike for alike in np.split(order, np.flatnonzero(np.diff(labels[order])) + 1) if len(alike) > 1]
     if not sets:

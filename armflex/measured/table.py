@@ -357,11 +357,7 @@ def _titles(path: Path, rows: Sequence[Sequence[str]], kinds: Mapping[str, str])
 
 
 def _with_points(path: Path, line: int, cells: list[str], mark: str) -> tuple[list[str], str]:
-    """Return cells whose decimal commas are points, and the mark of the file: that before them, or theirs.
-
-    Raises:
-        TableError: A number has a point where others have a comma.
-    """
+    """Return cells with decimal points, and the mark of the file: that before, or theirs; raise where both are used."""
     for i, cell in enumerate(cells):
         comma = bool(DECIMAL_COMMA.fullmatch(cell.strip()))
         point = "," if comma else "." if "." in cell and NUMBER.fullmatch(cell.strip()) else mark

@@ -268,9 +268,7 @@ class Question:
             if sigmas > max(SPLIT, best.get(word, ("", 0.0))[1]):
                 link = "the tip" if sensor.link == view.arm.robot.tip else sensor.link
                 text = SPLITTING[word].format(place=sensor.about.joint if isinstance(sensor.about, Shaft) else link)
-                there = any(
-                    unread_sensor.link == sensor.link and unread_sensor.kind is sensor.kind for unread_sensor in unread
-                )
+                there = any(other.link == sensor.link and other.kind is sensor.kind for other in unread)
                 best[word] = f"another {text.split(' ', 1)[1]}" if there else text, sigmas
         return tuple(sorted(best.values(), key=lambda option: -option[1]))
 

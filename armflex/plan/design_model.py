@@ -114,13 +114,10 @@ class Before:
 
 
 def known_before(arm: Arm, after: Measurements | None, as_stated: bool) -> Before:
-    """Return an arm as it is known, calibrated with a campaign where there is one.
+    """Return an arm as it is known, calibrated with a campaign where there is one; errors are those of `calibrate`.
 
     Of an arm that is calibrated already only the instrument is placed anew. An effect in question may be what makes
     readings scatter: then they are weighed `as_stated`.
-
-    Raises:
-        ArmflexError: The campaign cannot be that of this arm, see `calibrate`.
     """
     if after is None:
         return Before(Setup(arm, arm.instrument or Instrument()))

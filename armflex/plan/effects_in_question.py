@@ -43,12 +43,8 @@ def named_effect(text: str, arm: Arm, columns: Sequence[str]) -> Effect:
     """Return an effect of the arm, or one that it might have with all its amplitudes at zero, by how it is written.
 
     It has as many terms as may act at its place. A law that depends on a temperature takes the one of the `columns`
-    whose name is that of one.
-
-    Raises:
-        UnknownNameError: No such law, or it makes no sense at such a place of the arm.
-        InputError: More than one place is meant.
-        UnsupportedError: What it does depends on the rows before, or on a session that has been.
+    whose name is that of one. Refused are laws and places that there are not, several places, and what depends on the
+    rows before or on a session that has been.
     """
     effects = dict(zip(map(spelled, arm.effects, numbers_of(arm.effects)), arm.effects, strict=True))
     title = _meant(text, effects)
@@ -107,8 +103,7 @@ class EffectInQuestion:
 def candidate_of(effect: Effect, arm: Arm, offer: Offer) -> CandidateBlock:
     """Return an effect in question, with inner parameters amid those that a search would begin with.
 
-    Raises:
-        UnsupportedError: What it does depends on the rows before.
+    What depends on the rows before is refused.
     """
     ordinal = arm.effects.index(effect) if effect in arm.effects else NOWHERE
     number = 1 if ordinal == NOWHERE else numbers_of(arm.effects)[ordinal]

@@ -107,14 +107,10 @@ def usual(arm: Arm, word: str) -> tuple[Sensor, ...]:
 
 
 def informing_levels(arm: Arm, read: Collection[str]) -> frozenset[str]:
-    """Return the places (joints, 'base') whose rotation a level shows, and on whose link none is read yet.
+    """Return the places (joints, 'base') whose rotation a level shows, and on whose link none of those read is yet.
 
     About an axis that stays parallel to gravity nothing tilts: that of a joint which is so at zero, while all joints
     inboard of it slide or are so, too.
-
-    Args:
-        arm: The arm.
-        read: Names of its sensors that are read.
     """
     up = arm.robot.gravity / max(float(np.linalg.norm(arm.robot.gravity)), 1e-300)
     turn, upright, informed = np.eye(3), True, {BASE} if up.any() else set[str]()

@@ -195,11 +195,7 @@ class Offer:
 
 
 def spread_evenly(reach: Reach, setup: Setup, count: int, seed: int) -> Offer:
-    """Return up to `count` rows spread evenly over all that may be asked, `count` a power of two.
-
-    Raises:
-        InputError: The arm can hold none of them.
-    """
+    """Return up to `count` rows, a power of two, spread evenly over all that may be asked; raise where none is held."""
     width = len(reach.lower) + len(reach.choices)
     box = next(Configurations(np.zeros(width), np.ones(width), count, seed, count).chunks())
     _held(setup.arm, reach.rows(box[:FEW]))  # an arm too soft for anything says so at once
@@ -225,11 +221,7 @@ def around(reach: Reach, setup: Setup, box: Array, width: float, each: int, rng:
 
 
 def _offer(reach: Reach, setup: Setup, box: Array) -> Offer:
-    """Return those of (N, b) rows that the arm can hold above the floor and beside its own column.
-
-    Raises:
-        InputError: There are none.
-    """
+    """Return those of (N, b) rows that the arm can hold above the floor and beside its own column; raise for none."""
     rows, there = on_contact(reach, setup, reach.rows(box))
     if not there.any():
         names = listing(dict.fromkeys(socket for sockets in reach.touching.values() for socket in sockets))
@@ -301,11 +293,7 @@ def _clearances(arm: Arm, rows: Rows, view: View) -> tuple[Array, Array]:
 
 
 def _held(arm: Arm, rows: Rows) -> tuple[np.ndarray, Counter[str]]:
-    """Return the numbers of the rows that have a stable equilibrium, and how many have not, by reason.
-
-    Raises:
-        InputError: None has.
-    """
+    """Return the numbers of the rows with a stable equilibrium, and how many have none, by reason; raise for none."""
     columns, dropped = known_rows(arm, rows), Counter[str]()
 
     def deflected(picked: np.ndarray) -> DeflectionBatch:

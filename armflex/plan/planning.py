@@ -389,11 +389,7 @@ def _mounted(
     along: Trajectory | None,
     seed: int,
 ) -> tuple[Before, Reach, tuple[Mounted, ...]]:
-    """Return arm and reach with the wanted instruments where they inform most in rows at random, and what each buys.
-
-    Raises:
-        InputError: No such instrument.
-    """
+    """Return arm and reach with the wanted instruments where they inform most in rows at random, and what each buys."""
     wanted = offered(before.setup.arm, words)
 
     def having(sensors: Sequence[Sensor]) -> tuple[Before, Reach]:

@@ -28,10 +28,7 @@ DEFAULTS = {"humidity": 0.0, "wavelength_um": 0.55}
 class Air:
     """The air where an instrument stands.
 
-    Attributes:
-        pressure_hPa, temperature_C: Its pressure [hPa] and temperature.
-        humidity: Relative, 0 to 1.
-        wavelength_um: Of what is observed [um].
+    Its humidity is relative, 0 to 1; the wavelength [um] is of what is observed.
     """
 
     pressure_hPa: float
@@ -68,11 +65,7 @@ def bending(a: Array | float, b: float, cosine: Array) -> tuple[Array, Array]:
 
 
 def read_air(table: Declaration) -> Air:
-    """Return the air that `refraction = { pressure_hPa = .., temperature_C = .. }` declares.
-
-    Raises:
-        ArmFileError: A number is missing, or is none of air's.
-    """
+    """Return the air that `refraction = { pressure_hPa = .., temperature_C = .. }` declares; raise of what is none."""
     air = {name: table.number(name, DEFAULTS.get(name)) for name in BOUNDS}
     for name, (low, high) in BOUNDS.items():
         if not low <= air[name] <= high:

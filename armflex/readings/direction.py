@@ -133,19 +133,11 @@ class Direction(Kind):
         size = np.linalg.norm(values, axis=1)
         return about.angles(values), np.abs(size - 1.0) < UNIT
 
-    def _sight(self, at: Postures) -> Sight:
-        about = at.sensors[self.name].about
-        assert isinstance(about, Sight)
-        return about
-
     def _pointing(self, at: Postures) -> tuple[End, Array, Array]:
         """Return the link, (N, 3) where its axis points in the base, and (N, 3, 2) the change with its collimation."""
-        end, axis, tilt = at.end(self.name), self._sight(at).axis, at.of(self.name, "collimation")
+        end, axis = at.end(self.name), at.about(self.name, Sight).axis
         assert axis is not None
-        way, changes = np.empty((len(tilt), 3)), np.empty((len(tilt), 3, 2))
-        for pair in np.unique(tilt, axis=0):
-            tilted_so = (tilt == pair).all(axis=1)
-            way[tilted_so], changes[tilted_so] = axis.tilted(pair)
+        way, changes = axis.tilted(at.of(self.name, "collimation"))
         turn = end.pose[:, :3, :3]
         return end, np.einsum("nij,nj->ni", turn, way), turn @ changes
 
@@ -153,7 +145,7 @@ class Direction(Kind):
         """Return (N, 3) where the light comes from that is seen along unit vectors, base axes; (N, 3, 3) its change
         with these, and (N, 3) with how much more the air bends it per tangent of the zenith distance.
         """
-        air, more = self._sight(at).air, at.bend[:, 1]
+        air, more = at.about(self.name, Sight).air, at.bend[:, 1]
         if air is None and not more.any() and not at.gravities.any():
             return way, np.broadcast_to(np.eye(3), (len(way), 3, 3)), np.zeros_like(way)
         rise, cosine, sine = _vertical(way, at)
@@ -169,7 +161,7 @@ class Direction(Kind):
 
     def _grows(self, there: Array, eye: End, at: Postures) -> Array:
         """Return (N, 2, 3) where the two numbers grow, base axes: at what was read, or where it would be far off."""
-        sight, read = self._sight(at), np.einsum("nij,ni->nj", eye.axes, there)
+        sight, read = at.about(self.name, Sight), np.einsum("nij,ni->nj", eye.axes, there)
         near = np.einsum("ni,ni->n", sight.ways(self.values), read) > np.cos(NEAR)
         angles = np.where(near[:, None], self.values, sight.angles(read))
         return sight.across(angles) @ eye.axes.swapaxes(1, 2)
@@ -183,11 +175,11 @@ class Direction(Kind):
         return np.einsum("nij,ni->nj", at.end(self.name, "eye").axes, self._there(at))
 
     def ideal(self, at: Postures) -> Array:
-        return self._sight(at).angles(self._read(at))
+        return at.about(self.name, Sight).angles(self._read(at))
 
     def residual(self, at: Postures) -> Array:
         """Return (N, 2) the way on the sky [rad] from where the object should be seen to where it was."""
-        sight, read = self._sight(at), self._read(at)
+        sight, read = at.about(self.name, Sight), self._read(at)
         off = -(sight.across(self.values) @ read[:, :, None])[:, :, 0]
         sine, cosine = np.linalg.norm(off, axis=1), np.einsum("ni,ni->n", sight.ways(self.values), read)
         opposite = (sine < SMALLEST_STD) & (cosine < 0.0)
@@ -230,7 +222,7 @@ class Direction(Kind):
         # Directions without which there is no frame of them
         if read.sum() < 3 or not sensor.std[turn].max(initial=0.0) > NEAR:
             return deviation
-        wanted = self._sight(at).ways(self.values[read])
+        wanted = at.about(self.name, Sight).ways(self.values[read])
         left, _, right = np.linalg.svd(self._there(at)[read].T @ wanted)
         axes = left * (1.0, 1.0, np.linalg.det(left @ right)) @ right
         deviation[turn] = pin.log3(axes) - sensor.declared[turn]
@@ -247,11 +239,8 @@ def _vertical(way: Array, at: Postures) -> tuple[Array, Array, Array]:
     sine = np.linalg.norm(rise, axis=1)
     at_zenith = (sine < RESOLUTION)[:, None]
     rise = np.where(at_zenith, np.cross(way, np.roll(way, 1, axis=1)), rise)
-    return (
-        rise / np.maximum(np.linalg.norm(rise, axis=1, keepdims=True), SMALLEST_STD),
-        cosine,
-        np.maximum(sine, RESOLUTION),
-    )
+    wide = np.maximum(np.linalg.norm(rise, axis=1, keepdims=True), SMALLEST_STD)
+    return rise / wide, cosine, np.maximum(sine, RESOLUTION)
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,15 +250,9 @@ class PointDirection(Direction):
     nuisances = (PLACE, LOOKS, POINT)
     far = False
 
-    def _line(self, at: Postures) -> tuple[End, End, Array, Array]:
-        """Return the point, the theodolite, (N,) the distance between them [m], and (N, 3) the way to the point."""
-        end, eye = at.end(self.name), at.end(self.name, "eye")
-        length = np.maximum(np.linalg.norm(end.place - eye.place, axis=1), SMALLEST_STD)
-        return end, eye, length, (end.place - eye.place) / length[:, None]
-
     def _there(self, at: Postures) -> Array:
         """Return where the point is seen: the air lifts it by what it bends the line of sight, times its length."""
-        _, _, length, way = self._line(at)
+        _, _, length, way = at.line(self.name)
         if not at.bend[:, 0].any():
             return way
         seen = way + (at.bend[:, 0] * length)[:, None] * _vertical(way, at)[0]
@@ -277,7 +260,7 @@ class PointDirection(Direction):
 
     def ends(self, at: Postures) -> Ends:
         """Return the point, and the theodolite."""
-        end, eye, length, way = self._line(at)
+        end, eye, length, way = at.line(self.name)
         grows = self._grows(way, eye, at)
         per = (grows - (grows @ way[:, :, None]) * way[:, None]) / length[:, None, None]
         about = -np.concatenate([per, np.cross(way[:, None], grows)], axis=2)
@@ -287,13 +270,13 @@ class PointDirection(Direction):
         return {}
 
     def by_shift(self, at: Postures) -> Array:
-        return np.broadcast_to(1.0 / self._line(at)[2][:, None], self.values.shape)
+        return np.broadcast_to(1.0 / at.line(self.name)[2][:, None], self.values.shape)
 
     def by_gravity(self, at: Postures) -> Array:
         return np.zeros((*self.values.shape, 3))
 
     def by_bend(self, at: Postures) -> Array:
-        _, eye, length, way = self._line(at)
+        _, eye, length, way = at.line(self.name)
         change = np.zeros((*self.values.shape, 2))
         lifted = length[:, None] * _vertical(way, at)[0]
         change[:, :, 0] = (self._grows(way, eye, at) @ lifted[:, :, None])[:, :, 0]

@@ -8,7 +8,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.declaration import Declaration
 from armflex.errors import ArmFileError
-from armflex.readings.end import End, shifted
+from armflex.readings.end import shifted
 from armflex.readings.kind import FURTHEST, Ends, Kind, link_in
 from armflex.readings.postures import Postures
 from armflex.readings.sensor import ANCHOR, POINT, SCALE, Nuisance, zero_of
@@ -53,18 +53,12 @@ class Distance(Kind):
                 raise table.fail("anchor", f"{text}: millimetres?")
         return super().stated(nuisance, table, robot)
 
-    def _wire(self, at: Postures) -> tuple[End, End, Array, Array]:
-        """Return the point, the anchor, (N,) the length between them [m], and (N, 3) the direction to the point."""
-        end, eye = at.end(self.name), at.end(self.name, "eye")
-        length = np.maximum(np.linalg.norm(end.place - eye.place, axis=1), 1e-12)
-        return end, eye, length, (end.place - eye.place) / length[:, None]
-
     def ideal(self, at: Postures) -> Array:
-        return self._wire(at)[2][:, None]
+        return at.line(self.name)[2][:, None]
 
     def ends(self, at: Postures) -> Ends:
         """Return point and anchor: what moves along the wire lengthens it."""
-        end, eye, _, towards = self._wire(at)
+        end, eye, _, towards = at.line(self.name)
         return {"end": (end, shifted(towards[:, None])), "eye": (eye, shifted(-towards[:, None]))}
 
     def start(self, at: Postures) -> Array:

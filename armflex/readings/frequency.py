@@ -75,14 +75,8 @@ class Frequency(Kind):
         return matched
 
     def _matched(self, at: Postures, row: int) -> float:
-        """Return the frequency of the mode that a row reads [Hz].
-
-        Raises:
-            InputError: The arm has no such mode.
-        """
-        about = at.sensors[self.name].about
-        assert isinstance(about, Swing)
-        frequencies, shapes = at.swing(row)
+        """Return the frequency of the mode that a row reads [Hz]; raise where the arm has no such mode."""
+        about, (frequencies, shapes) = at.about(self.name, Swing), at.swing(row)
         read, number = float(self.values[row, 0]), 0 if self.mode is None else int(self.mode[row])
         number = number or about.mode or 0
         modes_listed = ", ".join(f"{frequency:.4g}" for frequency in frequencies)

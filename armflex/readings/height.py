@@ -37,16 +37,10 @@ class Height(Kind):
         """Return the point, and (N, 6): its height [m] as it is, and the changes of that with the point (3) and with
         the tilt (2).
         """
-        end, plane, tilt = at.end(self.name), at.sensors[self.name].about, at.of(self.name, "tilt")
-        assert isinstance(plane, Plane)
-        points, heights = end.place, np.zeros((len(end.place), 6))
-        for pair in np.unique(tilt, axis=0):
-            tilted_so = (tilt == pair).all(axis=1)
-            normal, tilted = plane.tilted(pair)
-            heights[tilted_so] = np.column_stack(
-                [points[tilted_so] @ normal, np.tile(normal, (tilted_so.sum(), 1)), points[tilted_so] @ tilted]
-            )
-        return end, heights
+        end = at.end(self.name)
+        normal, tilted = at.about(self.name, Plane).tilted(at.of(self.name, "tilt"))
+        height = np.einsum("ni,ni->n", end.place, normal)
+        return end, np.column_stack([height, normal, np.einsum("ni,nij->nj", end.place, tilted)])
 
     def ideal(self, at: Postures) -> Array:
         return self._over(at)[1][:, :1] - at.of(self.name, "table")

@@ -59,14 +59,9 @@ class Torque(Kind):
         axis[slice(0, 3) if slides else slice(3, 6)] = joint.axis
         return {"link": joint.child, "about": Drive(joint.name, axis, sign / ratio)}
 
-    def _drive(self, at: Postures) -> Drive:
-        about = at.sensors[self.name].about
-        assert isinstance(about, Drive)
-        return about
-
     def ideal(self, at: Postures) -> Array:
         """Return (N, 1) what the load makes the drive read [Nm]."""
-        drive = self._drive(at)
+        drive = at.about(self.name, Drive)
         return (drive.ratio * at.load(f"link:{drive.joint}") @ drive.axis)[:, None]
 
     def predicted(self, at: Postures) -> Array:
@@ -74,7 +69,7 @@ class Torque(Kind):
 
     def others(self, at: Postures) -> Mapping[str, Array]:
         """Return what is against the direction that the joint came in."""
-        drive = self._drive(at)
+        drive = at.about(self.name, Drive)
         return {"friction": -np.sign(drive.ratio) * at.approach[drive.joint][:, None, None]}
 
 

@@ -98,27 +98,17 @@ class Pixels(Kind):
             raise table.fail("board_link", f"{board!r} is the link itself: nothing moves between the two")
         return {"link": board, "seen_from": eye, "about": about}
 
-    def _camera(self, at: Postures) -> Camera:
-        about = at.sensors[self.name].about
-        assert isinstance(about, Camera)
-        return about
-
     def _seen(self, at: Postures) -> tuple[End, End, Array, Array, Array, Array]:
         """Return board and camera, (N, C, 3) the points in the base [m], the same in the camera's frame, (N, C, 2)
         their pictures [px], and (N, C, 2, 3) the change of these with the points in the camera's frame.
         """
         board, eye = at.end(self.name), at.end(self.name, "eye")
         size = 1.0 + at.of(self.name, "scale")[:, :, None]
-        there = board.place[:, None] + (size * self._camera(at).board.points) @ board.axes.swapaxes(1, 2)
+        there = board.place[:, None] + (size * at.about(self.name, Camera).board.points) @ board.axes.swapaxes(1, 2)
         in_camera = (there - eye.place[:, None]) @ eye.axes
         in_camera[..., 2] = np.where(np.abs(in_camera[..., 2]) < NEAREST, NEAREST, in_camera[..., 2])
-        return (
-            board,
-            eye,
-            there,
-            in_camera,
-            *projected(in_camera, *(at.of(self.name, nuisance.name) for nuisance in LENS)),
-        )
+        pixels, change = projected(in_camera, *(at.of(self.name, nuisance.name) for nuisance in LENS))
+        return board, eye, there, in_camera, pixels, change
 
     def ideal(self, at: Postures) -> Array:
         return self._seen(at)[4].reshape(self.values.shape)
@@ -139,7 +129,7 @@ class Pixels(Kind):
     def others(self, at: Postures) -> Mapping[str, Array]:
         board, eye, _, in_camera, pixels, change = self._seen(at)
         lens = by_lens(in_camera, pixels, *(at.of(self.name, nuisance.name) for nuisance in LENS[:2]))
-        points = self._camera(at).board.points @ (eye.axes.swapaxes(1, 2) @ board.axes).swapaxes(1, 2)
+        points = at.about(self.name, Camera).board.points @ (eye.axes.swapaxes(1, 2) @ board.axes).swapaxes(1, 2)
         parts = np.split(lens, [2, 4], axis=3), [change @ points[..., None]]
         each = zip((*LENS, SIZE), (*parts[0], *parts[1]), strict=True)
         return {nuisance.name: part.reshape(*self.values.shape, -1) for nuisance, part in each}
@@ -167,7 +157,7 @@ class Pixels(Kind):
 
         A picture of no size that is declared is twice its centre.
         """
-        size, points = self._camera(at).image, self._camera(at).board.points
+        size, points = at.about(self.name, Camera).image, at.about(self.name, Camera).board.points
         board, eye, _, in_camera, pixels, _ = self._seen(at)
         edge = 2.0 * at.of(self.name, "centre") if size is None else np.broadcast_to(size, (len(in_camera), 2))
         inside = np.all((pixels > 0.0) & (pixels < edge[:, None]), axis=2)
@@ -187,7 +177,7 @@ class Pixels(Kind):
         lost = sensor.std > near
         if not lost.any():
             return np.zeros(len(declared))
-        camera = self._camera(at)
+        camera = at.about(self.name, Camera)
         corners = np.where(np.isfinite(self.sigma), self.values, np.nan).reshape(len(self.values), -1, 2)
         board, link = at.pose(sensor.link), at.pose(sensor.seen_from)
         stated = {nuisance.name: declared[names == nuisance.name] for nuisance in LENS}

@@ -10,11 +10,7 @@ from armflex.conventions import Array
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """Where a plane is declared to face.
-
-    Attributes:
-        normal: (3,) in the base, of any length but none.
-    """
+    """Where a plane is declared to face: its (3,) normal in the base, of any length but none."""
 
     normal: Array
 
@@ -27,8 +23,9 @@ class Plane:
         return np.column_stack([first, np.cross(normal, first), normal])
 
     def tilted(self, tilt: Array) -> tuple[Array, Array]:
-        """Return the (3,) unit normal at (2,) slopes along the first two axes, and its (3, 2) change with them."""
-        normal = self.axes[:, 2] + self.axes[:, :2] @ tilt
-        size = np.linalg.norm(normal)
+        """Return the (..., 3) unit normals at (..., 2) slopes along the first axes, and their (..., 3, 2) change."""
+        across = self.axes[:, :2]
+        normal = self.axes[:, 2] + tilt @ across.T
+        size = np.linalg.norm(normal, axis=-1, keepdims=True)
         normal = normal / size
-        return normal, (self.axes[:, :2] - np.outer(normal, normal @ self.axes[:, :2])) / size
+        return normal, (across - normal[..., None] * (normal @ across)[..., None, :]) / size[..., None]

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NoReturn
+from typing import NoReturn, TypeVar
 
 import numpy as np
 
-from armflex.conventions import STANDARD_GRAVITY, Array
+from armflex.conventions import SMALLEST_STD, STANDARD_GRAVITY, Array
 from armflex.readings.end import FIXED, End
 from armflex.readings.instrument import Instrument
 from armflex.readings.sensor import Sensor
+
+About = TypeVar("About")
 
 
 def _unasked(what: object) -> NoReturn:
@@ -110,6 +112,18 @@ class Postures:
         moved = {nuisance.unit: self.of(name, nuisance.name) for nuisance in sensor.kind.nuisances if nuisance.of == of}
         none = np.zeros((len(pose), 3))
         return End(link, pose, moved.get("m", none), moved.get("rad", none))
+
+    def line(self, name: str) -> tuple[End, End, Array, Array]:
+        """Return a sensor's point and its eye, (N,) the length between them [m], and (N, 3) the way to the point."""
+        end, eye = self.end(name), self.end(name, "eye")
+        length = np.maximum(np.linalg.norm(end.place - eye.place, axis=1), SMALLEST_STD)
+        return end, eye, length, (end.place - eye.place) / length[:, None]
+
+    def about(self, name: str, of: type[About]) -> About:
+        """Return what of a sensor its kind alone knows."""
+        about = self.sensors[name].about
+        assert isinstance(about, of)
+        return about
 
     def of(self, name: str, nuisance: str) -> Array:
         """Return the (N, n) values of a sensor's nuisance in the rows, in its unit."""

@@ -105,10 +105,8 @@ class Readings:
     def row_squares(self, errors: Array) -> Array:
         """Return the (N,) squared error of each row [unit^2], zero where no foremost number was read.
 
-        It is the mean over what instruments read there, each by its norm: of a position that is the 3-D error.
-
-        Args:
-            errors: (N, d) of all numbers, or of the foremost ones alone [m, rad].
+        It is the mean over what instruments read there, each by its norm: of a position that is the 3-D error. The (N,
+        d) errors are of all numbers, or of the foremost ones alone [m, rad].
         """
         read = np.isfinite(self.sigma[:, self.foremost])
         squares = np.where(read, errors[:, self.foremost], 0.0) ** 2
@@ -174,11 +172,5 @@ class Readings:
 
 
 def unread(count: int, *kinds: type[Kind], sigma: ArrayLike = 1.0) -> Readings:
-    """Return readings of some kinds that are still to be taken in `count` rows.
-
-    Args:
-        count: N.
-        kinds: Their kinds, in order.
-        sigma: One standard deviation of each of their numbers, one for all of a kind or (d,).
-    """
+    """Return readings of some kinds that are still to be taken in `count` rows; sigma is one of each kind, or (d,)."""
     return Readings(count, tuple(kind.unread(count, sigma) for kind in kinds))

@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
+from armflex.readings.end import rigid_motion
 from armflex.readings.lens import distorted
 
 FEWEST = 4
@@ -47,10 +48,7 @@ of the board on its own."""
 def sighted(sight: Sighting, focal: Array | None, centre: Array | None, lens: Array) -> Found | None:
     """Return lens, mounting and board in closed form, None where too little of the board was seen.
 
-    Args:
-        sight: The pictures.
-        focal, centre: (2,) of the lens [px], None where they are not known.
-        lens: (5,) its distortion, dimensionless.
+    Focal lengths and centre are (2,) [px], None where they are not known, the distortion (5,).
     """
     given = [None if parameter is None else parameter.tobytes() for parameter in (focal, centre, sight.image)]
     boards = _boards(sight.points.tobytes(), sight.corners.tobytes(), lens.tobytes(), *given)
@@ -168,16 +166,11 @@ def pose_of(points: Array, pictures: Array) -> Array:
         flat = there[:, :2] / depth
         change = np.zeros((len(points), 2, 3))
         change[:, 0, 0], change[:, 1, 1], change[:, :, 2] = 1.0, 1.0, -flat
-        moved = np.concatenate([np.tile(np.eye(3), (len(points), 1, 1)), -_cross(there)], axis=2)
-        rows = (change / depth[:, :, None] @ moved).reshape(-1, 6)
+        rows = (change / depth[:, :, None] @ rigid_motion(there)).reshape(-1, 6)
         step = np.linalg.lstsq(rows, (pictures - flat).ravel(), rcond=None)[0]
         turn: Array = pin.exp3(np.asarray(step[3:], dtype=float))
         pose[:3, :3], pose[:3, 3] = turn @ pose[:3, :3], turn @ pose[:3, 3] + step[:3]
     return pose
-
-
-def _cross(vectors: Array) -> Array:
-    return np.array([pin.skew(vector) for vector in vectors])
 
 
 def _nearest(turn: Array) -> Array:
@@ -189,9 +182,7 @@ def _nearest(turn: Array) -> Array:
 def _hand_eye(links: Array, boards: Array) -> tuple[Array, Array, Array, Array]:
     """Return place (3,) [m] and rotation vector (3,) [rad] of X and of Z in A X B = Z, weighed anew by what is left.
 
-    Args:
-        links: (N, 4, 4) A, the link that the camera is on, in that of the board [m].
-        boards: (N, 4, 4) B, the board before the camera [m].
+    A (N, 4, 4) is the link that the camera is on, in that of the board; B (N, 4, 4) the board before the camera [m].
     """
     weights, eye, board = np.ones(len(links)), np.eye(4), np.eye(4)
     for _ in range(ROUNDS):

@@ -76,11 +76,7 @@ class Sockets:
 
 @dataclass(frozen=True, eq=False)
 class TouchingSensor(Sensor):
-    """An instrument that touches: its numbers are by socket, and '' is the touching point.
-
-    Attributes:
-        sockets: What is known of them.
-    """
+    """An instrument that touches sockets: its numbers are by socket, and '' is the touching point."""
 
     sockets: Sockets = field(default_factory=Sockets)
 
@@ -257,11 +253,7 @@ class Touch(Kind):
 
 @dataclass(frozen=True, eq=False)
 class SocketDistance(Kind):
-    """(N, 1) a known distance between two sockets [m], read in some rows: it is of no pose.
-
-    Attributes:
-        between: Names of the two sockets.
-    """
+    """(N, 1) a known distance `between` two sockets [m], read in some rows: it is of no pose."""
 
     between: tuple[str, str] = ("", "")
 

@@ -196,15 +196,8 @@ def _read_mjcf(path: Path, root: etree._Element, declares: bool) -> Urdf:
 
 def _check_named(path: Path, root: etree._Element) -> None:
     """Raise where a file that an MJCF names is there and none: MuJoCo would wait for a named pipe."""
-    folders = {
-        "",
-        *(
-            str(value)
-            for compiler in root.iter("compiler")
-            for key, value in compiler.items()
-            if str(key).endswith("dir")
-        ),
-    }
+    settings = [pair for compiler in root.iter("compiler") for pair in compiler.items()]
+    folders = {"", *(str(value) for key, value in settings if str(key).endswith("dir"))}
     for element in root.iter("*"):
         for place in (path.parent / folder / (element.get("file") or "") for folder in folders if element.get("file")):
             try:

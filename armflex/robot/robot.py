@@ -152,11 +152,7 @@ class Robot:
         return positions
 
     def stray(self, given: Mapping[str, ArrayLike]) -> tuple[int, str] | None:
-        """Return the first row where a joint is given elsewhere than the given one that it mimics puts it, and a text.
-
-        Args:
-            given: As of `side_positions`.
-        """
+        """Return the first row of `side_positions` with a joint elsewhere than what it mimics puts it, and a text."""
         at = self.side_positions(given)
         for name, wanted in self._followers(at).items():
             # To which positions are mostly shown and written down [rad or m]: 0.01 degrees, 0.1 mm
@@ -412,8 +408,7 @@ def find_chain(urdf: Urdf, base: str, tip: str | None) -> tuple[Joint, ...]:
 def following_of(urdf: Urdf, chain: Sequence[Joint]) -> dict[str, tuple[str, float, float]]:
     """Return the joints of a chain that follow others of it by <mimic>: whom, by what factor and from what offset.
 
-    Raises:
-        UrdfError: One follows no joint that moves with the chain, or itself.
+    One that follows no joint that moves with the chain, or itself, is refused.
     """
     moving = {joint.name: joint for joint in chain if joint.kind in MOVING}
     mimics = {name: joint.mimic for name, joint in moving.items() if joint.mimic}
@@ -509,11 +504,7 @@ def scope_of(urdf: Urdf, chain: Sequence[Joint]) -> Scope:
 
 
 def check_faults(urdf: Urdf, scope: Scope) -> tuple[Flag, ...]:
-    """Return a flag for everything that cannot be read and does not matter to the chain, saying what is done instead.
-
-    Raises:
-        UrdfError: A link of the chain cannot be read, or what weighs of one that it carries.
-    """
+    """Return a flag for all that cannot be read and does not matter to the chain, saying what is done then."""
     flags = []
     met = [("link", link.name, link.name in scope.chain, link) for link in urdf.links.values()]
     met += [("joint", joint.child, False, joint) for joint in urdf.joints.values()]

@@ -317,9 +317,7 @@ def doubtful_tolerance(tolerance: float, reach: float, angle: float | None = Non
 def turned_further(bent: float, turned: float) -> tuple[Flag, ...]:
     """Return a flag where a position is held at the cost of how the tip is turned.
 
-    Args:
-        bent: How far bending alone turns the tip at most [rad].
-        turned: How far it is turned at most from where it is meant [rad].
+    It is `turned` from where it is meant, and `bent` by bending alone, at most [rad].
     """
     # Times as far as bending alone turns the tip, from which on it is said that a path holds its position alone
     if not turned > 2.0 * bent:
@@ -369,9 +367,7 @@ class _Judge:
         names = {name: float(i) for i, name in enumerate(dict.fromkeys(points.payload))}
         parts = [points.time, points.q, [names[name] for name in points.payload], points.v, points.a, points.target]
         parts += [*points.covariates.values()]
-        parts += [
-            part for wrench in points.wrenches if wrench.rows is not None for part in (wrench.force, wrench.moment)
-        ]
+        parts += [part for load in points.wrenches if load.rows is not None for part in (load.force, load.moment)]
         table = np.column_stack([part for part in parts if part is not None])
         _, first, back = np.unique(table, axis=0, return_index=True, return_inverse=True)
         order = np.argsort(first)  # as they come, so that a flag is about the first of them

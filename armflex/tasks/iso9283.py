@@ -183,10 +183,7 @@ class PosePerformance(Result):
 def pose_accuracy(commanded: Array, attained: Array, sigma: Array) -> Characteristic:
     """Return AP_P = |mean of attained - commanded| (ISO 9283:1998, 7.2.1) of (3,) and (n, 3) positions [m].
 
-    Args:
-        commanded: (3,) [m].
-        attained: (n, 3) [m].
-        sigma: (n, 3) standard deviations of the readings [m], same axes.
+    The standard deviations of the readings are (n, 3) [m], same axes.
     """
     offset, n = attained.mean(axis=0) - commanded, len(attained)
     value = float(np.linalg.norm(offset))
@@ -204,9 +201,7 @@ def pose_accuracy(commanded: Array, attained: Array, sigma: Array) -> Characteri
 def pose_repeatability(attained: Array, sigma: Array) -> Characteristic:
     """Return RP_l = mean distance from the barycentre + 3 standard deviations of it (7.2.2) of (n, 3) positions [m].
 
-    Args:
-        attained: (n, 3) [m], two or more.
-        sigma: (n, 3) standard deviations of the readings [m].
+    The standard deviations of the readings are (n, 3) [m].
     """
     n = len(attained)
     std = None

@@ -124,9 +124,7 @@ def predict(
         predictions.append(prediction)
         if progress:
             progress(met.rows, len(rows))
-    parts = (
-        [getattr(prediction, name) for prediction in predictions] for name in ("position", "rotation", "displacement")
-    )
+    parts = ([getattr(answer, name) for answer in predictions] for name in ("position", "rotation", "displacement"))
     position, rotation, displacement = (np.concatenate(part) for part in parts)
     stds = [prediction.sigma for prediction in predictions if prediction.sigma is not None]  # of all pieces, or of none
     sigma = np.concatenate(stds) if stds else None
@@ -331,11 +329,7 @@ def _with_constants(arm: Arm, rows: Measurements, constants: Mapping[str, float]
 
 
 class _Flags:
-    """The flags about rows that come in pieces: each with the worst row it concerns, and how many there are.
-
-    Attributes:
-        rows: How many rows there were.
-    """
+    """The flags about so many rows that come in pieces: each with the worst row it concerns, and how many there are."""
 
     def __init__(self, arm: Arm) -> None:
         self._arm, self.rows = arm, 0

@@ -174,13 +174,9 @@ def rehearse(
 
 
 def simulated(arm: Arm, rows: Rows, sigma: float, rng: np.random.Generator) -> Measurements:
-    """Return the campaign that an arm without any further effect would give, all its instruments read.
+    """Return the campaign that an arm without further effects would give, all instruments read, positions to sigma [m].
 
-    Args:
-        arm: The arm.
-        rows: What is driven; a row whose pose begins with `to ` is not read.
-        sigma: Standard deviation of a position read [m].
-        rng: Of the noise.
+    Rows are what is driven; one whose pose begins with `to ` is not read.
     """
     bare = Rows.__dataclass_fields__
     rows = Rows(**{name: getattr(rows, name) for name in bare})
@@ -266,13 +262,7 @@ def _drawn(precision: Array, rng: np.random.Generator) -> Array:
 
 
 def _posterior(screen: Screen, places: Places, readings: Array) -> Array:
-    """Return the (S + 1,) probabilities of all laws and places where one effect at most is missing; last: of nothing.
-
-    Args:
-        screen: The hypotheses.
-        places: Their laws and places.
-        readings: (n,) whitened readings.
-    """
+    """Return the (S + 1,) probabilities of all laws and places, last: of nothing, given (n,) whitened readings."""
     projection = screen.projection
     left = float(readings @ projection.left_of(readings))
     evidence = screen.with_readings(screen.scores_of(readings[:, None])[:, 0], left)

@@ -15,12 +15,7 @@ from armflex.trace.findings import Trace
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """Squared 3-D errors of rows that belong to poses.
-
-    Attributes:
-        squares: (M,) [m^2].
-        groups: (M,) number of each row's pose: errors of one pose are not independent.
-    """
+    """Squared 3-D errors (M,) [m^2], and the number of each row's pose: errors of one pose are not independent."""
 
     squares: Array
     groups: np.ndarray

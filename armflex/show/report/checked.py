@@ -1,6 +1,5 @@
 """What the page of a checked path shows: every via-point with its margin, a picture, and what it all rests on."""
 
-import platform
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date
@@ -8,19 +7,17 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pinocchio
 
 from armflex.arm import Arm
 from armflex.conventions import Array, number
 from armflex.errors import ArmflexError, listing, naming
 from armflex.mechanics.deflection import Deflection
 from armflex.show.report.svg import AFTER, BEFORE, DASHED, INK, MARK, MUTED, canvas, cut, grid, inline, label
-from armflex.show.report.words import millimetres
+from armflex.show.report.words import MADE_WITH, millimetres
 from armflex.show.view.arm_scene import Motion, nice_magnification
 from armflex.tasks.check import CheckReport, Point
 from armflex.tasks.settle import ModesAt, Settling, SettlingReport, modes_along, settle
 from armflex.trajectory import Trajectory
-from armflex.version import __version__
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -254,8 +251,6 @@ def _rests_on(checked: CheckedPath, asked: str) -> tuple[tuple[str, str], ...]:
     loads += f", loads from outside up to {pushed:.4g} N" if pushed else ", no load from outside"
     effects = listing(effect.title for effect in arm.effects) if arm.effects else "none"
     damping = "0.01, assumed" if arm.damping_ratio is None else f"{arm.damping_ratio:g}"
-    solver: str = pinocchio.__version__  # pyright: ignore[reportAttributeAccessIssue]
-    versions = f"armflex {__version__}, Pinocchio {solver}, NumPy {np.__version__}, Python {platform.python_version()}"
     covariates = listing(f"{name} = {value:g}" for name, value in checked.covariates.items())
     return (
         ("Arm", f"{arm.robot.urdf.name}, {arm.robot.base} to {arm.robot.tip}"),
@@ -268,7 +263,7 @@ def _rests_on(checked: CheckedPath, asked: str) -> tuple[tuple[str, str], ...]:
         ("Uncertain", "the margin is within two standard uncertainties"),
         ("Swing", f"drives stop at the via-point; settled within {checked.within * 1e3:g} mm; damping ratio {damping}"),
         ("Made on", date.today().isoformat()),
-        ("Made with", versions),
+        ("Made with", MADE_WITH),
     )
 
 

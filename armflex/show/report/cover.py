@@ -3,13 +3,11 @@
 The cover is one printed sheet: what was found, how large the error is, from which campaign by which instrument.
 """
 
-import platform
 from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio
 
 from armflex.arm import Arm
 from armflex.conventions import TWIST_NAMES, Array, Shown
@@ -24,8 +22,7 @@ from armflex.parameters import FRAMES, ParameterKind
 from armflex.readings import Position, Readings
 from armflex.show.report.accuracy import Errors, scatter_rms
 from armflex.show.report.swing import swing
-from armflex.show.report.words import measure, millimetres, short, with_std
-from armflex.version import __version__
+from armflex.show.report.words import MADE_WITH, measure, millimetres, short, with_std
 
 Table = tuple[tuple[str, ...], ...]
 
@@ -83,8 +80,6 @@ def facts(arm: Arm, measurements: Measurements, readings: str) -> Table:
     counts = ", ".join(
         f"{len(set(column))} {name}" for column, name in zip(columns, ("poses", "payloads", "sessions"), strict=True)
     )
-    solver: str = pinocchio.__version__  # pyright: ignore[reportAttributeAccessIssue]
-    versions = f"armflex {__version__}, Pinocchio {solver}, NumPy {np.__version__}"
     return (
         ("Arm", f"{arm.robot.urdf.name}, {arm.robot.base} to {arm.robot.tip}"),
         ("Campaign", f"{file}; {counts}"),
@@ -92,7 +87,7 @@ def facts(arm: Arm, measurements: Measurements, readings: str) -> Table:
         ("Instruments", "; ".join(instruments(measurements)) or "none"),
         ("Readings used", readings),
         ("SHA-256 of the campaign", measurements.sha256 or "–"),
-        ("Made with", f"{versions}, Python {platform.python_version()}"),
+        ("Made with", MADE_WITH),
     )
 
 

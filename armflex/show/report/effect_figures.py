@@ -249,14 +249,8 @@ def _cloud(panel: Axes, seen: Suspicion, values: Array, colour: str) -> None:
         panel.set_xticks(kinds)
     for level in np.unique(np.round(faint, 1)):
         at_level = np.round(faint, 1) == level
-        panel.scatter(
-            seen.x[at_level] + spread[at_level],
-            values[at_level],
-            s=9,
-            color=colour,
-            alpha=max(level, 0.08),
-            linewidths=0,
-        )
+        x, y = seen.x[at_level] + spread[at_level], values[at_level]
+        panel.scatter(x, y, s=9, color=colour, alpha=max(level, 0.08), linewidths=0)
     if seen.is_curve:
         panel.errorbar(*_means(seen, values), fmt="o", color=INK, markersize=4, elinewidth=1.2, capsize=2, zorder=4)
 

@@ -15,10 +15,7 @@ from armflex.show.view.mode_picture import MOST, swing_on
 def swing(arm: Arm, measurements: Measurements, rows: np.ndarray) -> SimpleNamespace | None:
     """Return figure, table and text about the modes of an arm; None of an arm without a flexure.
 
-    Args:
-        arm: The arm.
-        measurements: The campaign.
-        rows: (M,) rows among which the one with the heaviest payload, and of those the first, gives the pose.
+    The pose is that of the first of (M,) rows of the campaign with the heaviest payload.
     """
     if not arm.flexures:
         return None

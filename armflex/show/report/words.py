@@ -1,14 +1,21 @@
 """Effects and places in plain words, and numbers as people read them: with their uncertainty, in a handy unit."""
 
+import platform
 import re
 
 import numpy as np
+import pinocchio
 
 from armflex.conventions import MILLI, RESOLUTION, Shown, shown_in
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.effect import Effect, Words
 from armflex.laws.effects.location import BASE, LINK, TOOL
 from armflex.parameters import numbered
+from armflex.version import __version__
+
+_PINOCCHIO: str = pinocchio.__version__  # pyright: ignore[reportAttributeAccessIssue]
+MADE_WITH = f"armflex {__version__}, Pinocchio {_PINOCCHIO}, NumPy {np.__version__}, Python {platform.python_version()}"
+"""Versions of what a page was made with."""
 
 PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 """Factors of a numerator in metres or radians; metres beyond a few are never kilometres."""

@@ -249,7 +249,7 @@ def arm_scene(
         markers=tuple(_markers(arm, trajectory, report)),
         legend_title="Share of each flexure in the tip's displacement" if arm.flexures else "",
         legend=tuple(_legend(shown, colors, trajectory, report, factor)),
-        table_title=_table_title(report) if trajectory is not None else "",
+        table_title=f"Via-points {f'against {report.asked}' if report else '(no tolerance was given)'}",
         table=_table(motion, trajectory, report),
         notes=(*_notes(arm, shown, motion, factor), *missing),
         times=times if len(times) > 1 else None,
@@ -623,7 +623,7 @@ def _markers(arm: Arm, trajectory: Trajectory | None, report: CheckReport | None
             position = arm.rigid_pose(trajectory.q[i], enforce_limits=False).translation
             # A worse verdict is a larger ball: of two via-points at one place the worse one is seen.
             radius = 0.012 * arm.robot.reach * MARKER_SIZES.get(verdict, 1.0)
-            yield Marker(f"{i} {name}", position, VERDICTS.get(verdict, RIGID_PATH), radius, name)
+            yield Marker(position, VERDICTS.get(verdict, RIGID_PATH), radius, name)
 
 
 def _legend(
@@ -647,12 +647,6 @@ def _legend(
         for verdict, color in VERDICTS.items():
             count = sum(point.verdict == verdict for point in report.via_points)
             yield LegendRow(color, f"via-point: {verdict}", str(count))
-
-
-def _table_title(report: CheckReport | None) -> str:
-    if report is None:
-        return "Via-points (no tolerance was given)"
-    return f"Via-points against {report.asked}"
 
 
 def _table(motion: Motion, trajectory: Trajectory | None, report: CheckReport | None) -> tuple[tuple[str, ...], ...]:

@@ -31,13 +31,10 @@ _LICENCES = ("LICENSE", "main.min.js.LICENSE.txt", "main.min.js.THIRD_PARTY_LICE
 def render_page(scene: Scene) -> str:
     """The page of `scene`, as HTML text. The same scene gives the same text, byte for byte."""
     points = scene_points(scene)
-    floor = None
-    if scene.floor_z is not None:
-        low, high = points.min(axis=0), points.max(axis=0)
-        x, y = (low[:2] + high[:2]) / 2.0
-        floor = [float(x), float(y), float(scene.floor_z), float(np.linalg.norm(high - low))]
-        points = np.concatenate([points, points * [1.0, 1.0, 0.0] + [0.0, 0.0, scene.floor_z]])  # and their shadows
-    camera = scene.camera or frame_camera(points)
+    low, high = points.min(axis=0), points.max(axis=0)
+    x, y = (low[:2] + high[:2]) / 2.0
+    shadows = points * [1.0, 1.0, 0.0] + [0.0, 0.0, scene.floor_z]
+    camera = scene.camera or frame_camera(np.concatenate([points, shadows]))
     facts = {
         "eye": camera.position.tolist(),
         "target": camera.target.tolist(),
@@ -53,7 +50,7 @@ def render_page(scene: Scene) -> str:
             if node.link and scene.posable
             for pose in (node.poses[min(scene.shown, len(node.poses) - 1)],)
         ],
-        "floor": floor,
+        "floor": [float(x), float(y), scene.floor_z, float(np.linalg.norm(high - low))],
         "start": 0.0 if scene.times is None else float(scene.times[0]),
         "speed": scene.speed,
     }
@@ -78,7 +75,7 @@ def _legend(scene: Scene) -> str:
     if scene.legend:
         rows = []
         for row in scene.legend:
-            swatch = f'<i style="background:{row.color};opacity:{row.opacity}"></i>' if row.color else ""
+            swatch = f'<i style="background:{row.color};opacity:{row.opacity}"></i>'
             rows.append(f"<tr><td>{swatch}</td><td>{html_text(row.text)}</td><td>{html_text(row.value)}</td></tr>")
         heading = f"<h2>{html_text(scene.legend_title)}</h2>" if scene.legend_title else ""
         legend = f"{heading}<table>{''.join(rows)}</table>"
@@ -151,14 +148,11 @@ def commands(scene: Scene, camera: Viewpoint) -> Iterator[Json]:
     yield _property("/Background", "top_color", (0.97, 0.98, 0.99))
     yield _property("/Background", "bottom_color", (0.84, 0.87, 0.90))
     yield _property("/Axes", "visible", False)
-    if scene.floor_z is None:
-        yield _property("/Grid", "visible", False)
-    else:
-        # Whole metres: the lines of the grid, half a metre apart, then lie on round coordinates.
-        pose = np.eye(4)
-        pose[:3, 3] = *np.round(camera.target[:2]), scene.floor_z
-        yield _transform("/Grid", pose)
-        yield _property("/Grid", "color", (1.0, 1.0, 1.0, 0.22))
+    # Whole metres: the lines of the grid, half a metre apart, then lie on round coordinates.
+    pose = np.eye(4)
+    pose[:3, 3] = *np.round(camera.target[:2]), scene.floor_z
+    yield _transform("/Grid", pose)
+    yield _property("/Grid", "color", (1.0, 1.0, 1.0, 0.22))
     # The viewer's cameras live in a frame with y up, the scene in one with z up.
     x, y, z = camera.position.tolist()
     yield _property(_CAMERA, "position", (x, z, -y))

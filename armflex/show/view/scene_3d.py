@@ -73,7 +73,6 @@ class Polyline:
 class Marker:
     """A small ball at `position` (3,) in the world, none of no radius, with an optional text label beside it."""
 
-    name: str
     position: Array
     color: str = "#2f6fb3"
     radius: float = 0.05
@@ -82,9 +81,9 @@ class Marker:
 
 @dataclass(frozen=True)
 class LegendRow:
-    """One line of the legend: a swatch (none if `color` is None), a text, and a value with its unit."""
+    """One line of the legend: a swatch, a text, and a value with its unit."""
 
-    color: str | None
+    color: str
     text: str
     value: str = ""
     opacity: float = 1.0
@@ -110,7 +109,7 @@ class Scene:
     `times` (T,) seconds, strictly increasing, date the poses of the nodes that move, which are played `speed` times
     faster; None where nothing moves. `posable` is the arm of the frame `shown` as the page moves its joints, see
     `arm_scene.posable`; None where they stay. `table` has a row of cells for each via-point, its head first. `floor_z`
-    is the height of the floor grid, None for no floor. Without a `camera` everything is framed in a three-quarter view.
+    is the height of the floor grid. Without a `camera` everything is framed in a three-quarter view.
     """
 
     title: str
@@ -126,7 +125,7 @@ class Scene:
     camera: Viewpoint | None = None
     times: Array | None = None
     speed: float = 1.0
-    floor_z: float | None = 0.0
+    floor_z: float = 0.0
     posable: dict[str, Any] | None = None
     shown: int = 0
 

@@ -215,14 +215,9 @@ def _swept(arm: Arm, q: Array) -> np.ndarray:
 
 
 def sigmas(question: MapQuestion, q: Array, payload: np.ndarray) -> tuple[Array, tuple[Flag, ...]]:
-    """Return the (n,) standard uncertainties of displacements that were found, and flags about them.
+    """Return the (n,) standard uncertainties of displacements found at (n, nq) q with payloads by number; and flags.
 
     They are NaN at the brink of what has an answer, where nobody states any, and where they have no end.
-
-    Args:
-        question: What was asked.
-        q: (n, nq) configurations.
-        payload: (n,) numbers of the payloads.
     """
     arm, sigma, flags = _kept(question)[0], np.full(len(q), np.nan), dict[tuple[str, str], Flag]()
     columns, pulled = question.options["covariates"], question.options["wrenches"]
@@ -242,13 +237,7 @@ def sigmas(question: MapQuestion, q: Array, payload: np.ndarray) -> tuple[Array,
 
 
 def frequencies(question: MapQuestion, q: Array, payload: np.ndarray) -> Array:
-    """Return the (n,) first natural frequencies [Hz] where displacements were found, NaN at the brink of an answer.
-
-    Args:
-        question: What was asked.
-        q: (n, nq) configurations.
-        payload: (n,) numbers of the payloads.
-    """
+    """Return the (n,) first natural frequencies [Hz] at (n, nq) q with payloads by number, NaN at an answer's brink."""
     arm, lowest = _kept(question)[0], np.full(len(q), np.nan)
     loads = {name: question.options[name] for name in ("covariates", "wrenches")}
     for i, (row, number) in enumerate(zip(q, payload.tolist(), strict=True)):

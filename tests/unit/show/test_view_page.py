@@ -53,11 +53,11 @@ def small_scene(title: str = "Arm under load") -> Scene:
         arm("arm", bends + 0.06, ARM, 1.0) + arm("ghost", bends, "#6f8fb0", 0.25),
         (Polyline("tip path", path, "#e07010", 0.03),),
         (
-            Marker("start", path[0] + [0.0, 0.0, 0.5], GREEN, 0.15, "start"),
-            Marker("end", path[-1] - [0.0, 0.0, 0.6], RED, 0.15, "end"),
+            Marker(path[0] + [0.0, 0.0, 0.5], GREEN, 0.15, "start"),
+            Marker(path[-1] - [0.0, 0.0, 0.6], RED, 0.15, "end"),
         ),
         legend_title="Deflection",
-        legend=(LegendRow(ARM, "Flexure 1", "1.72°"), LegendRow(None, "Payload", "25 kg")),
+        legend=(LegendRow(ARM, "Flexure 1", "1.72°"), LegendRow(GREEN, "Payload", "25 kg")),
         notes=("Deflections are not amplified.",),
         times=np.linspace(0.0, 3.0, FRAMES),
     )
@@ -98,7 +98,7 @@ def test_same_scene_gives_same_page() -> None:
 def test_user_text_is_escaped() -> None:
     evil = "<script>alert(1)</script>"
     scene = Scene(
-        evil, evil, markers=(Marker("m", np.zeros(3), label=evil),), legend_title=evil,
+        evil, evil, markers=(Marker(np.zeros(3), label=evil),), legend_title=evil,
         legend=(LegendRow(ARM, evil, evil),), notes=(evil,),
     )  # fmt: skip
     page = render_page(scene)
