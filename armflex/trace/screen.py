@@ -350,12 +350,12 @@ def _tied(groups: list[Group], single: np.ndarray, pairs: np.ndarray) -> tuple[l
             for spot, places in of_spot.items()
         }
         odds = {spot: max(groups[i].hypothesis.odd for i in places) for spot, places in of_spot.items()}
-        shared = logsumexp(list(masses.values())) - logsumexp(list(odds.values()))
+        shared = float(logsumexp(list(masses.values()))) - float(logsumexp(list(odds.values())))
         for spot, places in of_spot.items() if len(of_spot) > 1 else ():
             twins[spot] = groups[next(iter(of_spot.values()))[0]].hypothesis.one
             for i in places:
                 hypothesis = groups[i].hypothesis
-                prior = hypothesis.prior + float(shared + odds[spot] - masses[spot])
+                prior = hypothesis.prior + shared + odds[spot] - float(masses[spot])
                 found[i] = replace(found[i], hypothesis=replace(hypothesis, prior=prior))
     return found, twins
 
