@@ -9,7 +9,6 @@ from itertools import accumulate, islice
 from typing import Self
 
 import numpy as np
-from scipy.special import logsumexp
 
 from armflex.conventions import RESOLUTION, Array
 from armflex.laws.effects.candidate import Candidate
@@ -346,16 +345,18 @@ def _tied(groups: list[Group], single: np.ndarray, pairs: np.ndarray) -> tuple[l
             of_spot.setdefault(groups[place].hypothesis.spot, []).append(place)
         # One that must be positive has all of it on that side.
         masses = {
-            spot: logsumexp([groups[i].hypothesis.prior + np.log(2.0) * groups[i].hypothesis.positive for i in places])
+            spot: np.logaddexp.reduce(
+                [groups[i].hypothesis.prior + np.log(2.0) * groups[i].hypothesis.positive for i in places]
+            )
             for spot, places in of_spot.items()
         }
         odds = {spot: max(groups[i].hypothesis.odd for i in places) for spot, places in of_spot.items()}
-        shared = float(logsumexp(list(masses.values()))) - float(logsumexp(list(odds.values())))
+        shared = np.logaddexp.reduce(list(masses.values())) - np.logaddexp.reduce(list(odds.values()))
         for spot, places in of_spot.items() if len(of_spot) > 1 else ():
             twins[spot] = groups[next(iter(of_spot.values()))[0]].hypothesis.one
             for i in places:
                 hypothesis = groups[i].hypothesis
-                prior = hypothesis.prior + shared + odds[spot] - float(masses[spot])
+                prior = hypothesis.prior + float(shared + odds[spot] - masses[spot])
                 found[i] = replace(found[i], hypothesis=replace(hypothesis, prior=prior))
     return found, twins
 
