@@ -28,7 +28,7 @@ _A_LOAD = re.compile(r"(?:(f|force)|m|moment|torque)_?([xyz])", re.IGNORECASE)
 
 
 def called_as_load(name: str) -> str:
-    """Return which of `FORCES` a column is called as people call it, such as fx, F_x, moment_z, or forse_fz; else ''."""
+    """Return which of `FORCES` a column is called as people call it: fx, F_x, moment_z, forse_fz; '' where none."""
     base, unit = split_header(name)
     base = base if unit in {*UNITS["force"], *UNITS["moment"]} else name
     word, _, part = base.partition("_")
