@@ -287,6 +287,12 @@ def worst_of(flags: Iterable[Flag]) -> dict[tuple[str, str], Flag]:
     return worst
 
 
+def further(flags: Sequence[Flag], others: Iterable[Flag]) -> tuple[Flag, ...]:
+    """Return flags, and the others that are of none of their kinds."""
+    kinds = {flag.kind for flag in flags}
+    return (*flags, *(flag for flag in others if flag.kind not in kinds))
+
+
 @contextmanager
 def naming(where: object) -> Iterator[None]:
     """Raise the errors met inside again, saying first which row they are about."""

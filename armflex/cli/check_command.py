@@ -8,7 +8,7 @@ import click
 from armflex.arm import Arm
 from armflex.cli import options
 from armflex.cli.terminal import doing, no_via_points, number, plus_minus, print_table, progress, say, say_written
-from armflex.errors import enough_memory
+from armflex.errors import enough_memory, further
 from armflex.measured.forces import Unnamed
 from armflex.mechanics.equilibrium import METHODS
 from armflex.result import record
@@ -62,7 +62,7 @@ def command(
     moved = against is not None or trajectory.is_moved
     said = record(report, "ok tolerance_m angle_rad samples load_factor via_points path_worst relative_sigma_m")
     said |= {"against": str(desired_path or trajectory_path)} if moved else {}
-    flags = report.flags if swing is None else (*report.flags, *swing.flags)
+    flags = report.flags if swing is None else further(report.flags, swing.flags)
     said |= {} if swing is None else record(swing, settle_within_m="within_m", settling="via_points")
     with together():
         if report_path is not None:

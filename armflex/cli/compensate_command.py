@@ -8,7 +8,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.cli import options
 from armflex.cli.terminal import doing, no_via_points, number, plus_minus, print_table, progress, say
-from armflex.errors import InputError, enough_memory
+from armflex.errors import InputError, enough_memory, further
 from armflex.measured.forces import Unnamed
 from armflex.result import record
 from armflex.storage.whole_file import together
@@ -67,7 +67,7 @@ def command(
     if calm and written:
         doing("shaping")
         calmed = calm_path(arm, compensation.trajectory, slower or SLOWER, covariates)
-        flags, summary["calm"] = (*flags, *calmed.flags), calmed.motions
+        flags, summary["calm"] = further(flags, calmed.flags), calmed.motions
     with together():
         if written:
             write_trajectory(compensation.trajectory if calmed is None else calmed.trajectory, output)

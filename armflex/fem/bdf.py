@@ -172,6 +172,7 @@ def read_bdf(path: Path, unit: str = "m") -> Mesh:
         draft.sets.setdefault("PS", []).append(number)
         draft.held = ("PS",)
     requested = [(name, *members, SHIFTS) for name, members in sets.items()]
+    draft.supports = {name: several[0][1] for name, several in held.items() if several}
     for name, several in held.items():
         for card in several:
             others = held.get(card[0][0], ()) if card[0][0].startswith("SPC") else [card]

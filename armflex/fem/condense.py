@@ -1,6 +1,6 @@
 """Static condensation of a mesh onto its interfaces (Guyan 1965): stiffness, mass, weight, natural frequencies."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from armflex.conventions import Array
 from armflex.errors import Flag, OutOfMemoryError
 from armflex.fem.cholesky import CholeskyFactor
 from armflex.fem.matrices import MODAL, Matrices, of_mesh
-from armflex.fem.mesh import FACES, Mesh, corners_of, interfaces_of
+from armflex.fem.mesh import FACES, MOST_LINES, Mesh, corners_of, interfaces_of
 from armflex.fem.part import Part
 from armflex.storage.read_file import sha256_of
 
@@ -69,7 +69,7 @@ def condense(
     shapes = np.linalg.solve(compliance, moves[:, :size].T).T
     carried_rigid, inner_mass = rigid.T @ moved, shapes.T @ (inner @ shapes)
     mass, arm, inertia = _inertia(carried_rigid)
-    flags, frequencies = list(mesh.flags), np.zeros(0)
+    flags, frequencies = [*mesh.flags, *_not_held(mesh, fixed, sets[fixed])], np.zeros(0)
     if mass > 0.0:
         said("natural frequencies", 0, None)
         frequencies = _frequencies(stiffness, inner, solver)
@@ -106,6 +106,17 @@ def _inertia(rigid: Array) -> tuple[float, Array, Array]:
     mass, first = float(rigid[0, 0]), rigid[3:, :3]  # the skew matrix of the centre's place, times mass
     arm = np.array([first[2, 1], first[0, 2], first[1, 0]]) / mass if mass else np.zeros(3)
     return mass, arm, rigid[3:, 3:] - mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+
+
+def _not_held(mesh: Mesh, fixed: str, rows: np.ndarray) -> Iterator[Flag]:
+    """Yield a flag about each support of the file that holds more than the (M,) rows of nodes that are held."""
+    for name, line in mesh.supports.items():
+        others = np.setdiff1d(mesh.sets.get(name, ()), rows)
+        if name.lower() != fixed.lower() and (name in mesh.unread or len(others)):
+            text = (
+                f"{name} (line {line % MOST_LINES}) holds what {fixed!r} does not, and is left out: --fixed says what "
+            )
+            yield Flag("left_out", f"{text}is held")
 
 
 def _solved(

@@ -122,6 +122,8 @@ class _Reader:
                         f"*{statement.keyword} in a *STEP is not computed here, and is not known to be harmless",
                         statement.line,
                     )
+                if statement.keyword == "BOUNDARY":
+                    self.left_out(statement)
             elif statement.keyword == "PART":
                 here = parts.setdefault(self.name(statement, "NAME"), [])
             elif statement.keyword == "INSTANCE":
@@ -207,8 +209,11 @@ class _Reader:
         elif statement.keyword not in HARMLESS:
             self.beyond.append((statement.keyword, statement.line))
         elif statement.keyword in ("BOUNDARY", "CLOAD", "DLOAD", "DSLOAD", "INITIAL CONDITIONS"):
-            text = f"*{statement.keyword} (line {statement.line % MOST_LINES}) is left out: --fixed says what is held"
-            self.flags.setdefault(statement.keyword, Flag("left_out", text))
+            self.left_out(statement)
+
+    def left_out(self, statement: _Statement) -> None:
+        text = f"*{statement.keyword} (line {statement.line % MOST_LINES}) is left out: --fixed says what is held"
+        self.flags.setdefault(statement.keyword, Flag("left_out", text))
 
     def name(self, statement: _Statement, key: str) -> str:
         if not statement.parameters.get(key):

@@ -134,6 +134,7 @@ class Mesh:
         included: Files that it includes, in the order of their lines; see `MOST_LINES`.
         unread: Name of a set that is not one of nodes -> why, and its line.
         held: Names of sets that the file holds always, whichever of its supports are asked for.
+        supports: Name of each set that a support of the file holds -> its line.
     """
 
     path: Path
@@ -147,6 +148,7 @@ class Mesh:
     included: tuple[Path, ...] = ()
     unread: Mapping[str, tuple[str, int]] = field(default_factory=dict)
     held: tuple[str, ...] = ()
+    supports: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def size(self) -> float:
@@ -190,7 +192,7 @@ class Draft:
         materials: Name -> what `Material` has, SI.
         sections: Keys of elements, the material that they are made of, line.
         references: Keys of nodes that may belong to no element, as those do that a set has alone.
-        included, unread, flags, held: See `Mesh`.
+        included, unread, flags, held, supports: See `Mesh`.
     """
 
     path: Path
@@ -206,6 +208,7 @@ class Draft:
     unread: dict[str, tuple[str, int]] = field(default_factory=dict)
     flags: list[Flag] = field(default_factory=list)
     held: tuple[str, ...] = ()
+    supports: Mapping[str, int] = field(default_factory=dict)
 
     def fail(self, problem: str, line: int = 0) -> NoReturn:
         """Raise the error that names the file and a line."""
@@ -319,6 +322,7 @@ class Draft:
             tuple(self.included),
             self.unread,
             self.held,
+            self.supports,
         )
 
     def _without_references(self) -> Iterator[Flag]:

@@ -11,7 +11,7 @@ import numpy as np
 from armflex.arm import SLACK, Arm, outside_limits
 from armflex.conventions import UNITS, WRENCH_NAMES, Array
 from armflex.errors import Frame, InputError, Place, TableError, UnknownNameError, did_you_mean
-from armflex.measured.table import Table, read_table, split_header
+from armflex.measured.table import Table, misspelt, read_table, split_header
 from armflex.rows.branch import Branch, branches
 from armflex.rows.wrench import Wrench
 
@@ -28,9 +28,13 @@ _A_LOAD = re.compile(r"(?:(f|force)|m|moment|torque)_?([xyz])", re.IGNORECASE)
 
 
 def called_as_load(name: str) -> str:
-    """Return which of `FORCES` a column is called as people call it, such as fx, F_x, moment_z; '' where none."""
+    """Return which of `FORCES` a column is called as people call it: fx, F_x, moment_z, forse_fz; '' where none."""
     base, unit = split_header(name)
-    match = _A_LOAD.fullmatch(base if unit in {*UNITS["force"], *UNITS["moment"]} else name)
+    base = base if unit in {*UNITS["force"], *UNITS["moment"]} else name
+    word, _, part = base.partition("_")
+    if f"force_{part.lower()}" in FORCES and misspelt(word, ["force"]):
+        return f"force_{part.lower()}"
+    match = _A_LOAD.fullmatch(base)
     return f"force_{'f' if match[1] else 'm'}{match[2].lower()}" if match else ""
 
 

@@ -568,3 +568,24 @@ def test_a_binary_mesh_of_gmsh_is_judged_as_its_text(version: str, order: str, t
     ):
         with pytest.raises(armflex.InputError, match=rf"b\.msh: .*{problem}"):
             read(spoilt)
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ("$", False),
+        ("SPC1,2,123,1,2", False),  # a part of what is held
+        ("SPC1,2,1,1,4,5,8", True),  # a plane of symmetry
+        ("SPC1,2,123,5", True),
+    ],
+)
+def test_supports_that_are_not_held_are_said(more: str, said: bool, tmp_path: Path) -> None:
+    mesh = nastran(tmp_path, f"SPC1,1,123,1,2,3,4\n{more}", "SET 7 = 5,6,7,8")
+    flags = [flag.text for flag in condense(mesh, "SPC1", ["7"]).flags if flag.code == "left_out"]
+    text = f"SPC2 (line {BULK + 1}) holds what 'SPC1' does not, and is left out"
+    assert any(text in flag for flag in flags) is said
+
+
+def test_a_boundary_in_a_step_is_said_as_one_of_the_model_is(tmp_path: Path) -> None:
+    mesh = abaqus(tmp_path, "*STEP", "*STATIC", "*BOUNDARY", "FOOT, 1, 3", "*END STEP")
+    assert any(f"*BOUNDARY (line {KEYWORD + 2}) is left out" in flag.text for flag in mesh.flags)

@@ -270,7 +270,8 @@ def test_what_was_fitted_is_as_uncertain_as_under_the_load(heavy: Arm) -> None:
 @pytest.mark.parametrize(
     ("column", "meant"),
     [("fx", "force_fx"), ("Fz_kN", "force_fz"), ("F_y [N]", "force_fy"), ("force_x", "force_fx"), ("mz", "force_mz"),
-     ("M_x_Nm", "force_mx"), ("moment_y", "force_my")],
+     ("M_x_Nm", "force_mx"), ("moment_y", "force_my"), ("forse_fz", "force_fz"), ("forces_fx_kN", "force_fx"),
+     ("froce_my", "force_my")],
 )  # fmt: skip
 def test_a_column_called_as_a_load_is_no_covariate(heavy: Arm, tmp_path: Path, column: str, meant: str) -> None:
     path = with_columns(few_rows(HEAVY / "trajectory.csv", tmp_path / "t.csv", 3), {column: ["-500"] * 3})
