@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import replace
 from itertools import accumulate, islice
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -86,7 +86,7 @@ class Screen(Evidence):
         starts = bank.starts.tolist()
         self.groups = [Group(one, a, scale[a:b]) for one, a, b in zip(known, starts, starts[1:], strict=False)]
         self.groups, acting = _moving(self.groups)
-        self._twins: dict[tuple, Candidate] = {}
+        self._twins: dict[tuple, Twin] = {}
         batches = tuple(Batch(*own, np.array([known[i].positive for i in own[0].tolist()])) for own in some)
         if (alone := _alone(batches)) is not None:
             left, at = alone.inside[:, 0, 0], alone.places[:, 0]
@@ -255,8 +255,8 @@ class Screen(Evidence):
     def sized(self, number: int) -> Array | float:
         group = self.groups[number]
         if number not in self._sized:
-            effect = self._twins.get(group.hypothesis.spot, group.hypothesis.one).effect(group.scale)
-            likely = size_prior(effect, SCALES, self.fit.view, self.context)
+            twin = self._twins.get(group.hypothesis.spot, Twin(group.hypothesis.one, 1.0))
+            likely = size_prior(twin.one.effect(group.scale * twin.per_unit), SCALES, self.fit.view, self.context)
             self._sized[number] = np.log(len(SCALES) * likely)
         return self._sized[number]
 
@@ -264,6 +264,13 @@ class Screen(Evidence):
         """Charge a law at a place with what a fit of the arm came out below what this linear problem promised."""
         self._short[spot] = self._short.get(spot, 0.0) + max(by, 0.0)
         self._known.clear()
+
+
+class Twin(NamedTuple):
+    """A law by whose size another is judged, and how much of it does what a unit of the other does."""
+
+    one: Candidate
+    per_unit: float
 
 
 def _moving(groups: list[Group]) -> tuple[list[Group], list[Hypothesis]]:
@@ -326,7 +333,7 @@ def _named(groups: list[Group], single: np.ndarray, pairs: np.ndarray) -> list[G
     return found
 
 
-def _tied(groups: list[Group], single: np.ndarray, pairs: np.ndarray) -> tuple[list[Group], dict[tuple, Candidate]]:
+def _tied(groups: list[Group], single: np.ndarray, pairs: np.ndarray) -> tuple[list[Group], dict[tuple, Twin]]:
     """Return the hypotheses where laws of one column are as likely as one another, and by whose size each is judged.
 
     At how many places a law may be, and how large it usually is, distinguishes none of them: they would be named by
@@ -336,7 +343,7 @@ def _tied(groups: list[Group], single: np.ndarray, pairs: np.ndarray) -> tuple[l
     from scipy.sparse.csgraph import connected_components
 
     possible = np.array([groups[i].hypothesis.prior > -np.inf for i in single.tolist()], dtype=bool)
-    pairs, found, twins = pairs[:, possible[pairs].all(axis=0)], groups.copy(), dict[tuple, Candidate]()
+    pairs, found, twins = pairs[:, possible[pairs].all(axis=0)], groups.copy(), dict[tuple, Twin]()
     edges = coo_array((np.ones(pairs.shape[1]), pairs), shape=(len(single), len(single)))
     _, tied = connected_components(edges, directed=False)
     for number in np.unique(tied[pairs[0]]).tolist():
@@ -353,7 +360,8 @@ def _tied(groups: list[Group], single: np.ndarray, pairs: np.ndarray) -> tuple[l
         odds = {spot: max(groups[i].hypothesis.odd for i in places) for spot, places in of_spot.items()}
         shared = np.logaddexp.reduce(list(masses.values())) - np.logaddexp.reduce(list(odds.values()))
         for spot, places in of_spot.items() if len(of_spot) > 1 else ():
-            twins[spot] = groups[next(iter(of_spot.values()))[0]].hypothesis.one
+            twin, group = groups[next(iter(of_spot.values()))[0]], groups[places[0]]
+            twins[spot] = Twin(twin.hypothesis.one, float(twin.scale[0] / group.scale[0]))
             for i in places:
                 hypothesis = groups[i].hypothesis
                 prior = hypothesis.prior + float(shared + odds[spot] - masses[spot])

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -233,3 +234,25 @@ def test_a_slip_that_may_be_along_another_axis_is_likelier_one_of_the_drive() ->
             likely[str(place.axis)] = np.logaddexp(likely.get(str(place.axis), -np.inf), mass)
     others = [mass for axis, mass in likely.items() if axis != "rz"]
     assert len(others) == 5 and likely["rz"] > max(others) - 0.5 * np.log(ODD_PLACE)
+
+
+def test_a_hose_at_a_joint_and_the_scale_of_its_encoder_are_as_likely(tmp_path: Path) -> None:
+    """Their columns are the same and their units are not; of a hose that is too strong to be one nothing is said."""
+    drawn = draw("dress_pack", 250002, arm="boom")
+    files = drawn.write(tmp_path)
+    arm = load_arm(files.arm)
+    here = standing(begin(calibrate(arm, read_measurements(files.train, arm), as_stated=True)))
+    numbers = {
+        group.hypothesis.spot[0]: number
+        for number, group in enumerate(here.screen.groups)
+        if group.hypothesis.spot[0] in ("dress_pack", "encoder_scale") and group.hypothesis.one.location.site == "A4"
+    }
+    beside = here.screen.beside(here.model)
+    odds = {law: beside.odds_at(number) for law, number in numbers.items()}
+    np.testing.assert_allclose(odds["dress_pack"], odds["encoder_scale"], atol=1e-3)
+    amplitude = beside.amplitudes_of(numbers["dress_pack"], int(odds["dress_pack"].argmax()))
+    assert (
+        here.screen.charge(numbers["dress_pack"], amplitude)
+        == 0.0
+        < here.screen.charge(numbers["dress_pack"], 2500.0 * np.sign(amplitude))
+    )
