@@ -247,11 +247,8 @@ class Deflection(_Result[float]):
 
     def _flags_of_loops(self) -> Iterator[Flag]:
         """Yield flags about passive joints beyond their limits, and loads in loops that nothing determines."""
-        for joint in self.arm.robot.jointed:
-            at = self.passive.get(joint.name, joint.lower)
-            if not joint.lower - SLACK <= at <= joint.upper + SLACK:
-                text = f"joint {joint.name!r} has no drive and stands at {at:.6g}"
-                yield Flag("passive_limits", f"{text}, outside its limits [{joint.lower:g}, {joint.upper:g}]")
+        at = np.array([list(self.passive.values())])
+        yield from (flag for _, flag in beyond_limits(self.arm, at))
         idle = self._mechanics.idle(self.case, self._row)
         if idle.shape[1]:
             name, _ = self._mechanics.tied.apart(int(np.abs(idle).max(axis=1).argmax()))
@@ -491,6 +488,24 @@ def near_buckling(factor: float) -> tuple[Flag, ...]:
     return (Flag("near_buckling", f"{text} what it would if the loads did not move with it", size=more),)
 
 
+def beyond_limits(arm: Structure, at: Array) -> Iterator[tuple[int, Flag]]:
+    """Yield the furthest row, and a flag about it, of each joint without a drive beyond its limits.
+
+    Args:
+        arm: The arm.
+        at: (N, p) positions of its joints without a drive [rad or m].
+    """
+    joints = {joint.name: joint for joint in arm.robot.jointed}
+    for name, column in zip(arm.robot.linkage.free, at.T, strict=True):
+        joint = joints[name]
+        further = np.maximum(joint.lower - column, column - joint.upper)
+        if len(further) and further.max() > SLACK:
+            row = int(further.argmax())
+            text = f"joint {name!r} has no drive and stands at {column[row]:.6g}, outside its limits "
+            text += f"[{joint.lower:g}, {joint.upper:g}]"
+            yield row, Flag("passive_limits", text, about=name, size=float(further[row]))
+
+
 @dataclass(frozen=True, repr=False, eq=False)
 class DeflectionBatch(_Result[Array]):
     """The arm at N configurations; the arrays of `Deflection` with a leading N.
@@ -655,7 +670,7 @@ class DeflectionBatch(_Result[Array]):
             found += [(i, flag) for flag in near_buckling(float(self.found_factors[i]))]
         for i in [int(np.argmax(np.linalg.norm(self.displacement[:, :3], axis=1)))] if len(self.q) else ():
             found += [(i, flag) for flag in arm.loaded(None).sag_flags(self.displacement[i])]
-        return found
+        return [*found, *(beyond_limits(arm, self.flexed) if arm.robot.linkage else ())]
 
     def flags_at(self, time: Array) -> Iterator[Flag]:
         """Yield all flags, those of laws and drives too, the first rows first, with the (N,) times [s] of rows."""

@@ -62,3 +62,13 @@ def test_a_polynomial_is_of_the_joint_that_is_named(tmp_path: Path) -> None:
         (tmp_path / "arm.toml").write_text(ARM[: ARM.index("model")] + law + f'depends_on = "{named}"\n')
         sags.append(-load_arm(tmp_path / "arm.toml").deflection([1.6]).displacement[2])
     assert sags == pytest.approx(50.0 * 9.81 * 1e-6 * np.array([1.0 + 1.6, 1.0 + 0.8]), rel=1e-6)
+
+
+def test_a_stage_that_is_moved_beyond_its_own_limits_is_said_of_rows_as_of_one(tmp_path: Path) -> None:
+    sag(tmp_path, 2.0)
+    arm = load_arm(tmp_path / "arm.toml")
+    said = "joint 'ext2' has no drive and stands at 3.2, outside its limits [0, 2]"
+    assert [flag.text for flag in arm.deflection([1.6]).flags if flag.code == "passive_limits"] == [said]
+    rows = arm.deflection([[0.5], [1.6], [1.2]]).flags
+    assert [flag.text for flag in rows if flag.code == "passive_limits"] == [f"row 1: {said}"]
+    assert not [flag for flag in arm.deflection([[0.5], [0.9]]).flags if flag.code == "passive_limits"]
