@@ -163,6 +163,9 @@ def check_effect(law: EffectLaw, columns: Mapping[str, tuple[float, float]] | No
     view, context = look(setup, campaign), _context(heavy, campaign)
     locations = list(law.places(context.records))
     assert locations, "it has no place in a campaign with these columns"
+    idle = set(range(len(law.amplitudes))).difference(*(location.terms for location in locations))
+    names = [law.amplitudes[number].name for number in sorted(idle)]
+    assert not idle, f"{', '.join(names)} acts at none of its places: `terms` of a Location says which amplitudes do"
     if columns:
         bare = _campaign(heavy, {name: values for name, values in drawn.items() if name not in columns}, SESSIONS)
         places = list(law.places(_context(heavy, bare).records))

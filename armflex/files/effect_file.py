@@ -156,6 +156,8 @@ def _locations(table: Declaration, law: EffectLaw, called: str, arm: Arm) -> lis
         locations += [replace(location, axis=location.partner, partner=str(location.axis)) for location in locations]
 
     places = _unique(location.place for location in locations)
+    if not places and not table.has("covariates"):
+        raise table.fail("site", f"{called} has no place on this arm without `covariates`, the columns it depends on")
     site = table.choice("site", places, problem=f"{{!r}} is no place for {called} on this arm")
     locations = [location for location in locations if location.place == site]
 

@@ -11,7 +11,7 @@ tangent follow, and the engine knows it. `Curve` and `Of` stand in engine.c as w
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar
@@ -302,9 +302,9 @@ class Term:
 
     along: Array
     matrix: Array | None = None
-    features: tuple[Feature, ...] = ()
-    factors: tuple[Factor, ...] = ()
-    window: Window | None = None
+    features: tuple[Feature, ...] = field(default=(), kw_only=True)
+    factors: tuple[Factor, ...] = field(default=(), kw_only=True)
+    window: Window | None = field(default=None, kw_only=True)
 
     @property
     def linear(self) -> bool:
@@ -330,7 +330,8 @@ class Term:
         """Return the term of the law `action @ law(action.T @ w)`."""
         matrix = None if self.matrix is None else action @ self.matrix @ action.T
         features = tuple(feature.carried(action) for feature in self.features)
-        return Term(action @ self.along, matrix, features, self.factors, _carried(self.window, action))
+        window = _carried(self.window, action)
+        return Term(action @ self.along, matrix, features=features, factors=self.factors, window=window)
 
     def single(self) -> Iterator[Term]:
         """Yield it: it has no neurons."""

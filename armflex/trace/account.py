@@ -36,8 +36,18 @@ from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.probabilities import CREDIBLE, Bagged, Credible, bagged, beside_families, competing
 from armflex.trace.resampling import Resampled, parted_by, resampled
 from armflex.trace.screen import ALMOST, UNIT_MOTION, Dense
-from armflex.trace.search import Standing, exchanged, is_full, linear, refitted, spots, standing, with_families
-from armflex.trace.selection import BETTER, SCALES, Model, climbed, without
+from armflex.trace.search import (
+    Standing,
+    exchanged,
+    is_bounded,
+    is_full,
+    linear,
+    refitted,
+    spots,
+    standing,
+    with_families,
+)
+from armflex.trace.selection import BETTER, SCALES, Chosen, Model, climbed, without
 from armflex.trace.state import State, lost_of, refit, sorted_out
 from armflex.trace.unrecorded import RandomTwist
 from armflex.trace.validate import Folds, Validated, sessions_held_out, validated
@@ -66,7 +76,9 @@ def weighed(here: Standing) -> Weighed:
     """Return a state with probabilities, without what is likelier to be nothing, or all but certainly something else.
 
     Where something else is likelier in the place of an effect, the arm is fitted with that, and the better is kept.
+    What is likelier missing than not is added, once.
     """
+    added = set[tuple]()
     while True:
         state = here.state
         state.reporter.stage("weighing what else the effects may be")
@@ -84,6 +96,11 @@ def weighed(here: Standing) -> Weighed:
             here = after
             continue
         gone = [i for i, verdict in enumerate(credible[:-1]) if verdict.is_gone]
+        longer = None if gone else _with_missing(here, evidence, model, credible[-1])
+        if longer is not None and longer.identity not in added:
+            added.add(longer.identity)
+            here = standing(longer, here)
+            continue
         if not gone:
             here.screen.forget()
             average, seen = averaged(state, evidence, model, posterior.drawn, resamples.parts), None
@@ -107,9 +124,10 @@ def weighed(here: Standing) -> Weighed:
 
 
 def _with_likelier(here: Standing, evidence: Dense, model: Model, posterior: Bagged) -> Standing | None:
-    """Return the state with something else in the place of an effect that is less likely than it; None if none is.
+    """Return the state with something else in the place of an effect that is less likely than it.
 
-    Itself where some were tried and came out worse, which they are charged with from then on.
+    None where no effect is doubtful, or nothing comes out better. The state itself where rivals were fitted and came
+    out worse: they are charged with that from then on.
     """
     doubted = [rival for rival, seen in zip(here.model, posterior.credible, strict=False) if seen.is_doubtful]
     if not doubted:
@@ -120,6 +138,20 @@ def _with_likelier(here: Standing, evidence: Dense, model: Model, posterior: Bag
     spots_before, unlikely = spots(here.screen, here.model), spots(here.screen, tuple(doubted))
     after = exchanged(here, [rival for rival in models if any((spots_before - spots(here.screen, rival)) & unlikely)])
     return here if after is None and len(here.rejected) > tried and not full else after
+
+
+def _with_missing(here: Standing, evidence: Dense, model: Model, missing: Credible) -> State | None:
+    """Return the state with what is likelier missing beside its effects than not, None where nothing is.
+
+    The most probable model may do without what most models have: see `Credible.is_gone` for the median.
+    """
+    if not missing.suspects or missing.suspects[0][1] <= 0.5 or is_full(here) or is_bounded(here):
+        return None
+    likeliest, beside = missing.suspects[0][0], evidence.beside(model)
+    number = next(i for i, group in enumerate(evidence.groups) if group.hypothesis is likeliest)
+    longer = evidence.there((*model, Chosen(number, int(beside.odds_at(number).argmax()))))
+    state = refitted(here, longer)
+    return None if state is None else with_families(state)
 
 
 def settled_exactly(here: Standing) -> Standing:

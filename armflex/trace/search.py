@@ -9,7 +9,7 @@ no measure: no state is entered twice, and three for each of `MOST_ROUNDS` at mo
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -269,16 +269,17 @@ def _modelled(here: Standing, more: int) -> Model:
     return climbed(here.screen, here.model, refine, most=min(len(here.model) + more, MOST_EFFECTS))
 
 
-def exchanged(here: Standing, models: Sequence[Model]) -> Standing | None:
+def exchanged(here: Standing, models: Iterable[Model]) -> Standing | None:
     """Return the state refitted with the likeliest of some models that is more probable, None where none comes out so.
 
-    The linear problem is about an arm that has other effects: what is new and does not come out as it promised is from
-    then on worth there what came out. What was fitted in one state is not fitted again in those that follow it.
+    Where none is in the linear problem the first of them is tried: resamples prefer it. That problem is about an arm
+    that has other effects: what is new and does not come out as it promised is from then on worth there what came out.
+    What was fitted in one state is not fitted again in those that follow it.
     """
-    for model in sorted(models, key=here.screen.log_posterior, reverse=True):
-        if len(here.rejected) >= MOST_ROUNDS or here.screen.log_posterior(model) <= here.value + BETTER:
-            continue
-        if (after := _fitted(here, model)) is not None:
+    ranked = sorted(models, key=here.screen.log_posterior, reverse=True)
+    likelier = [model for model in ranked if here.screen.log_posterior(model) > here.value + BETTER]
+    for model in likelier or ranked[:1]:
+        if len(here.rejected) < MOST_ROUNDS and (after := _fitted(here, model)) is not None:
             return replace(after, rejected=here.rejected)
     return None
 

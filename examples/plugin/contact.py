@@ -51,7 +51,7 @@ class ContactLaw(Law):
 
     def terms(self) -> Terms:
         falls = power(self.compliance / (2.0 * self.energy), -1.0 / 6.0, 1.0)
-        return (Term(np.zeros(6), self.compliance, (falls,)),)
+        return (Term(np.zeros(6), self.compliance, features=(falls,)),)
 
     def scaled(self, factor: Array) -> "ContactLaw":
         return replace(self, compliance=self.compliance * np.outer(factor, factor))

@@ -19,7 +19,7 @@ from armflex.laws import LAWS
 from armflex.laws.declared import LawModel, read_law
 from armflex.laws.effects import CATALOGUE, EffectLaw
 from armflex.laws.effects.catalogue import GROUP, _fault
-from armflex.laws.effects.effect import TwistLaw
+from armflex.laws.effects.effect import Amplitude, TwistLaw
 from armflex.laws.joint.linear import LinearLaw, read_linear
 from armflex.laws.law import Law, Ranges
 from armflex.laws.terms import Terms, powers
@@ -284,3 +284,10 @@ def test_an_effect_with_too_few_terms_does_not_conform() -> None:
     short = replace(backlash, terms=lambda here, inner: [])
     with pytest.raises(PluginError, match="the effect 'backlash': `terms` gives 0 lists for 1 amplitudes"):
         check_effect(short)
+
+
+def test_an_effect_whose_second_amplitude_acts_nowhere_does_not_conform() -> None:
+    backlash = cast(TwistLaw, CATALOGUE["backlash"])
+    idle = replace(backlash, amplitudes=(*backlash.amplitudes, Amplitude("idle", "m")))
+    with pytest.raises(AssertionError, match="idle acts at none of its places"):
+        check_effect(idle)

@@ -37,7 +37,7 @@ def across(name: str, robot: Robot) -> Array:
 def _terms(here: Here, inner: Values) -> list[list[Term]]:
     """Return the force across over its length, that of `seated` beside it."""
     held = embed(across(here.location.site, here.robot))
-    return [[Term(NOTHING, 0.5 * held, (power(held, -0.5, inner[0] ** 2),))]]
+    return [[Term(NOTHING, 0.5 * held, features=(power(held, -0.5, inner[0] ** 2),))]]
 
 
 def _seated(location: Location, context: Context) -> Iterable[float]:

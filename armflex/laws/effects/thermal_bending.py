@@ -1,7 +1,7 @@
 """A link that bends as it warms: beta (T - Tref), a rotation of its end about a point of it.
 
-An even bend turns its end about its middle. One at its root is one at the end of the link before, where the joint
-between them turns about the same axis.
+An even bend turns its end about its middle. No reading distinguishes a bend at the root from one at the end of the link
+before, if the joint between them turns about the same axis.
 """
 
 import numpy as np
@@ -24,12 +24,12 @@ def _along(location: Location, context: Context) -> Values:
     if joint is None:  # the tool's link
         return 1.0, 0.5
     turned = np.eye(3)[AXES_TURN.index(location.axis or AXES_TURN[0])]
-    for outer in reversed(path_to(joint, robot)):
-        if outer is not joint and outer in robot.jointed:
+    for inboard in reversed(path_to(joint, robot)):
+        if inboard is not joint and inboard in robot.jointed:
             # Cosine above which two axes are one
-            same = outer.kind != "prismatic" and abs(turned @ outer.axis) > 1.0 - 1e-9
+            same = inboard.kind != "prismatic" and abs(turned @ inboard.axis) > 1.0 - 1e-9
             return (1.0, 0.5) if same else (1.0, 0.5, 0.0)
-        turned = outer.rotation @ turned
+        turned = inboard.rotation @ turned
     return 1.0, 0.5
 
 

@@ -72,7 +72,7 @@ class HardeningLaw(Law):
     def terms(self) -> Terms:
         """Return C w (1 + e)^-1/2."""
         falls = power(self.compliance / (2.0 * self.energy), -0.5, 1.0)
-        return (Term(np.zeros(6), self.compliance, (falls,)),)
+        return (Term(np.zeros(6), self.compliance, features=(falls,)),)
 
     def by_values(self, wrench: Array, row: Row) -> Array:
         """Return half of E f + J E w for every axis, f being the twist and J its tangent; and f e / (2 (1 + e))."""

@@ -64,7 +64,7 @@ def test_the_tangent_of_every_feature_is_its_derivative() -> None:
     factors = (Factor(Of.CREEP, "heat", (2.0,)), Factor(Of.POWER, "q_J", (0.1, 2.0, 2.0)))
     for feature in features:
         for matrix in (None, random_compliance(3)):
-            term = Term(rng.normal(size=6), matrix, (feature, ways[0]), factors)
+            term = Term(rng.normal(size=6), matrix, features=(feature, ways[0]), factors=factors)
             for wrench in SIZE * rng.normal(size=(10, 6)):
                 wanted = by_wrench(lambda w, at, term=term: twist_of([term], w, at), wrench, row)
                 found = tangent_of([term], wrench, row)
@@ -81,7 +81,12 @@ class OneSided(WithoutParameters):
     def terms(self) -> Terms:
         way = np.eye(6)[4]
         factors = (Factor(Of.POWER, self.column, (20.0, 10.0, 1.0)),) if self.column else ()
-        bent = Term(np.zeros(6), 0.3 * self.compliance * np.outer(way, way), (part(way / 80.0, Curve.TANH),), factors)
+        bent = Term(
+            np.zeros(6),
+            0.3 * self.compliance * np.outer(way, way),
+            features=(part(way / 80.0, Curve.TANH),),
+            factors=factors,
+        )
         return straight(self.compliance), bent
 
 

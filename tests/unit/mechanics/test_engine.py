@@ -51,9 +51,9 @@ class EveryTerm(WithoutParameters):
             table(q, -0.5, 1.0, [1.0, -1.0]),
         )  # fmt: skip
         small = 0.02 * self.compliance
-        bent = [Term(1e-5 * rng.normal(size=6), small, own) for own in features]
-        turned = [Term(1e-5 * rng.normal(size=6), small, (), (one,)) for one in factors]
-        both = Term(np.zeros(6), small, features[2], (factors[0], Factor(Of.SINE, MASS, (0.3,))))
+        bent = [Term(1e-5 * rng.normal(size=6), small, features=own) for own in features]
+        turned = [Term(1e-5 * rng.normal(size=6), small, factors=(one,)) for one in factors]
+        both = Term(np.zeros(6), small, features=features[2], factors=(factors[0], Factor(Of.SINE, MASS, (0.3,))))
         return [straight(self.compliance), *bent, *turned, both]
 
 
