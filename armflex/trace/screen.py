@@ -86,7 +86,7 @@ class Screen(Evidence):
         starts = bank.starts.tolist()
         self.groups = [Group(one, a, scale[a:b]) for one, a, b in zip(known, starts, starts[1:], strict=False)]
         self.groups, acting = _moving(self.groups)
-        self._twins: dict[tuple, Twin] = {}
+        self._twins: dict[tuple, tuple[Twin, ...]] = {}
         batches = tuple(Batch(*own, np.array([known[i].positive for i in own[0].tolist()])) for own in some)
         if (alone := _alone(batches)) is not None:
             left, at = alone.inside[:, 0, 0], alone.places[:, 0]
@@ -255,8 +255,11 @@ class Screen(Evidence):
     def sized(self, number: int) -> Array | float:
         group = self.groups[number]
         if number not in self._sized:
-            twin = self._twins.get(group.hypothesis.spot, Twin(group.hypothesis.one, 1.0))
-            likely = size_prior(twin.one.effect(group.scale * twin.per_unit), SCALES, self.fit.view, self.context)
+            own = group.hypothesis.one.effect(group.scale)
+            twins = [
+                twin.one.effect(group.scale * twin.per_unit) for twin in self._twins.get(group.hypothesis.spot, ())
+            ]
+            likely = size_prior((own, *twins), SCALES, self.fit.view, self.context)
             self._sized[number] = np.log(len(SCALES) * likely)
         return self._sized[number]
 
@@ -267,7 +270,7 @@ class Screen(Evidence):
 
 
 class Twin(NamedTuple):
-    """A law by whose size another is judged, and how much of it does what a unit of the other does."""
+    """A law of the same column as another, and how much of it does what a unit of the other does."""
 
     one: Candidate
     per_unit: float
@@ -333,17 +336,20 @@ def _named(groups: list[Group], single: np.ndarray, pairs: np.ndarray) -> list[G
     return found
 
 
-def _tied(groups: list[Group], single: np.ndarray, pairs: np.ndarray) -> tuple[list[Group], dict[tuple, Twin]]:
-    """Return the hypotheses where laws of one column are as likely as one another, and by whose size each is judged.
+def _tied(
+    groups: list[Group], single: np.ndarray, pairs: np.ndarray
+) -> tuple[list[Group], dict[tuple, tuple[Twin, ...]]]:
+    """Return the hypotheses where laws of one column are as likely as one another, and the others of each.
 
-    At how many places a law may be, and how large it usually is, distinguishes none of them: they would be named by
-    that. An odd place does. Arguments are as of `_named`; a law at a place, whatever is inside it, is one of them.
+    At how many places a law may be distinguishes none of them: they would be named by that. An odd place does, and so
+    does a size that machines do not have: see `size_prior`. Arguments are as of `_named`; a law at a place, whatever is
+    inside it, is one of them.
     """
     from scipy.sparse import coo_array  # not needed to import the package
     from scipy.sparse.csgraph import connected_components
 
     possible = np.array([groups[i].hypothesis.prior > -np.inf for i in single.tolist()], dtype=bool)
-    pairs, found, twins = pairs[:, possible[pairs].all(axis=0)], groups.copy(), dict[tuple, Twin]()
+    pairs, found, twins = pairs[:, possible[pairs].all(axis=0)], groups.copy(), dict[tuple, tuple[Twin, ...]]()
     edges = coo_array((np.ones(pairs.shape[1]), pairs), shape=(len(single), len(single)))
     _, tied = connected_components(edges, directed=False)
     for number in np.unique(tied[pairs[0]]).tolist():
@@ -360,8 +366,9 @@ def _tied(groups: list[Group], single: np.ndarray, pairs: np.ndarray) -> tuple[l
         odds = {spot: max(groups[i].hypothesis.odd for i in places) for spot, places in of_spot.items()}
         shared = np.logaddexp.reduce(list(masses.values())) - np.logaddexp.reduce(list(odds.values()))
         for spot, places in of_spot.items() if len(of_spot) > 1 else ():
-            twin, group = groups[next(iter(of_spot.values()))[0]], groups[places[0]]
-            twins[spot] = Twin(twin.hypothesis.one, float(twin.scale[0] / group.scale[0]))
+            scale = groups[places[0]].scale[0]
+            others = [groups[there[0]] for there in of_spot.values() if there is not places]
+            twins[spot] = tuple(Twin(other.hypothesis.one, float(other.scale[0] / scale)) for other in others)
             for i in places:
                 hypothesis = groups[i].hypothesis
                 prior = hypothesis.prior + float(shared + odds[spot] - masses[spot])

@@ -34,7 +34,7 @@ DRESS_PACK = TwistLaw(
     instead="repeat a few poses with the dress pack untied",
     plausible=Plausible(0.002, 0.005, "hoses pull with 10 to 200 Nm over the range of a joint"),
     places=lambda records: at_drives(records, "q_{joint}"),
-    amplitudes=(Amplitude("k", "{w}/{m}", most=2000.0, usual=200.0),),
+    amplitudes=(Amplitude("k", "{w}/{m}", usual=200.0),),
     terms=_terms,
     basis=_basis,
 )

@@ -5,6 +5,7 @@ or the joint would make energy. A coupling needs compliance on both of its axes,
 around. Half of the rows must agree, because a polynomial fits them, not its end.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -65,19 +66,25 @@ def unusual(effect: Effect, view: Solved, context: Context) -> float:
     return much
 
 
-def size_prior(effect: Effect, scales: Array, view: Solved, context: Context) -> Array:
+def size_prior(effects: Sequence[Effect], scales: Array, view: Solved, context: Context) -> Array:
     """Return the (T,) probability of each of some scales of an effect, by a Cauchy density of its size.
 
+    What no reading distinguishes from it is as probable where both have sizes that machines have. One that is larger
+    than that is less probable by as much as more than half of the density is lost.
+
     Args:
-        effect: With the standard deviations of its amplitudes at scale 1.
+        effects: With the standard deviations of their amplitudes at scale 1: of the effect, and of what does the same.
         scales: (T,) evenly spaced in their logarithm, rising; smaller ones are as possible.
         view: Rows of the campaign at the arm as it was fitted.
         context: The campaign.
     """
-    much = scales**2 * unusual(effect, view, context)
+    own, *others = (scales**2 * unusual(effect, view, context) for effect in effects)
+    much = np.min([own, *others], axis=0)
     least = float(np.sqrt(much[0] / (1.0 + much[0])))
     smaller = np.log(max(least / NO_EFFECT, 1.0)) / np.log(scales[1] / scales[0])
-    return 1.0 / (1.0 + much) / ((1.0 / (1.0 + much)).sum() + smaller)
+    density = 1.0 / (1.0 + much)
+    share = np.minimum(2.0 * (1.0 + much) / (1.0 + own), 1.0) if others else 1.0
+    return share * density / (density.sum() + smaller)
 
 
 def sensible(effect: Effect, view: Solved, context: Context, declared: Manipulator) -> bool:

@@ -230,14 +230,14 @@ def test_a_slip_that_may_be_along_another_axis_is_likelier_one_of_the_drive() ->
     for number, group in enumerate(screen.groups):
         law, place = group.hypothesis.spot
         if (law, place.site) == ("slip_step", "wrist_2_joint"):
-            mass = float(np.logaddexp.reduce(screen.prior(number)))
+            mass = float(screen.prior(number)[0])  # as large as machines have either
             likely[str(place.axis)] = np.logaddexp(likely.get(str(place.axis), -np.inf), mass)
-    others = [mass for axis, mass in likely.items() if axis != "rz"]
-    assert len(others) == 5 and likely["rz"] > max(others) - 0.5 * np.log(ODD_PLACE)
+    assert len(likely) == 6 and likely["rz"] == max(likely.values())
+    assert all(likely["rz"] > likely[across] - 0.9 * np.log(ODD_PLACE) for across in ("dx", "dy", "dz"))
 
 
 def test_a_hose_at_a_joint_and_the_scale_of_its_encoder_are_as_likely(tmp_path: Path) -> None:
-    """Their columns are the same and their units are not; of a hose that is too strong to be one nothing is said."""
+    """Their columns are the same, and their units are not: each has a size that machines have."""
     drawn = draw("dress_pack", 250002, arm="boom")
     files = drawn.write(tmp_path)
     arm = load_arm(files.arm)
@@ -249,10 +249,4 @@ def test_a_hose_at_a_joint_and_the_scale_of_its_encoder_are_as_likely(tmp_path: 
     }
     beside = here.screen.beside(here.model)
     odds = {law: beside.odds_at(number) for law, number in numbers.items()}
-    np.testing.assert_allclose(odds["dress_pack"], odds["encoder_scale"], atol=1e-3)
-    amplitude = beside.amplitudes_of(numbers["dress_pack"], int(odds["dress_pack"].argmax()))
-    assert (
-        here.screen.charge(numbers["dress_pack"], amplitude)
-        == 0.0
-        < here.screen.charge(numbers["dress_pack"], 2500.0 * np.sign(amplitude))
-    )
+    assert odds["dress_pack"].max() == pytest.approx(odds["encoder_scale"].max(), abs=1e-3)

@@ -195,12 +195,29 @@ def test_scales_are_as_likely_as_machines_have_the_sizes(before):
     pack = candidate_of(before, "dress_pack", "J2", "ry")
 
     def prior(k: float) -> np.ndarray:
-        return size_prior(pack.effect(np.array([k])), SCALES, before.fit.view, before.context)
+        return size_prior((pack.effect(np.array([k])),), SCALES, before.fit.view, before.context)
 
     np.testing.assert_allclose(prior(1e-6), 1.0 / len(SCALES), rtol=1e-6)
     some = prior(200.0)  # a millimetre is what hoses may do
     np.testing.assert_allclose(some / some[2], 2.0 / (1.0 + SCALES**2))
     assert some.sum() == pytest.approx(1.0) and prior(2000.0).sum() < 0.6 and prior(2e6).max() < 1e-6
+
+
+def test_of_two_laws_of_one_column_one_that_is_larger_than_machines_have_it_is_less_likely(before):
+    """Where both have usual sizes they are as likely as the likelier alone."""
+    pack, scale = (candidate_of(before, name, "J2", "ry") for name in ("dress_pack", "encoder_scale"))
+
+    def priors(k: float) -> tuple[np.ndarray, ...]:
+        effects = pack.effect(np.array([k])), scale.effect(np.array([1e-6]))
+        some = (effects, effects[::-1], effects[1:])
+        return tuple(size_prior(one, np.ones(1) * [1.0, 3.0], before.fit.view, before.context) for one in some)
+
+    hose, beside_it, alone = priors(20.0)
+    np.testing.assert_allclose(hose, alone, rtol=1e-6)
+    np.testing.assert_allclose(beside_it, alone, rtol=1e-6)
+    hose, beside_it, alone = priors(4000.0)
+    np.testing.assert_allclose(beside_it, alone, rtol=1e-6)
+    np.testing.assert_allclose(hose / alone, 2.0 / (1.0 + np.array([20.0, 60.0]) ** 2), rtol=1e-3)
 
 
 def test_friction_grows_with_the_load(before):
