@@ -110,11 +110,11 @@ def weighed(here: Standing) -> Weighed:
                 assert average.errors is not None
                 seen = validated(here, folds, average.errors)
             return Weighed(here, credible, resamples, seen, average)
-        least = [i for i in gone if credible[i].nothing > CREDIBLE]
-        least = least or [min(gone, key=lambda i: credible[i].probability)]
-        titles = (here.screen.groups[here.model[i].number].hypothesis.title for i in least)
+        withdrawn = [i for i in gone if credible[i].nothing > CREDIBLE]
+        withdrawn = withdrawn or [min(gone, key=lambda i: credible[i].probability)]
+        titles = (here.screen.groups[here.model[i].number].hypothesis.title for i in withdrawn)
         state.reporter.stage(f"withdrawing {', '.join(titles)}")
-        after = refitted(here, without(here.model, *least))
+        after = refitted(here, without(here.model, *withdrawn))
         if after is None:  # an arm that does not come to rest without it is left with nothing of what was found
             after = refitted(here, ())
         if after is None:
@@ -185,9 +185,9 @@ def conclude(
     here, state = outcome.here, outcome.here.state
     findings = tuple(_found(outcome, number) for number in range(len(state.known)))
     left = unexplained(state, here.scattered)
-    together = np.setdiff1d(state.asked[~(lost_of(state, heed=True)[1] | state.undirected)], state.rows)
-    if left is None and len(together):  # rows left out although their neighbours are far off, too
-        view = look(state.fit.setup, state.measurements, together)
+    left_out = np.setdiff1d(state.asked[~(lost_of(state, heed=True)[1] | state.undirected)], state.rows)
+    if left is None and len(left_out):  # although their neighbours are far off, too
+        view = look(state.fit.setup, state.measurements, left_out)
         squares = view.readings.row_squares(view.residual)
         left = Unexplained(None, None, None, None, float(np.sqrt(squares.sum() / len(state.asked))))
     state.reporter.stage("weighing which kinds of effect are missing")
@@ -323,11 +323,11 @@ def _before(state: State, certainty: Certainty) -> Before:
     count = len(state.declared.arm.effects) + len(effects)
     setup = replace(fit.setup, arm=replace(fit.setup.arm, effects=fit.setup.arm.effects[:count]))
     effect = max(certainty.design_effect * min(fit.noise, 1.0) ** 2, 1.0)
-    measured, least = Measured.of(fit, state.measurements, replace(certainty, design_effect=effect), setup), 1.0
+    measured, noise_floor = Measured.of(fit, state.measurements, replace(certainty, design_effect=effect), setup), 1.0
     if state.random is not None:
         left = measured.view.whitened[fit.view.rows] * np.sqrt(fit.weights)
-        least = float(np.sqrt(fit.view.readings.row_squares(left).sum() / max(fit.view.count, 1)))
-    return Before(setup, measured, {name: max(noise, least) for name, noise in noises_of(fit).items()})
+        noise_floor = float(np.sqrt(fit.view.readings.row_squares(left).sum() / max(fit.view.count, 1)))
+    return Before(setup, measured, {name: max(noise, noise_floor) for name, noise in noises_of(fit).items()})
 
 
 def _undecided(outcome: Weighed) -> Undecided | None:

@@ -1,4 +1,4 @@
-"""A bent rod: a loop's pin is nearer to the joint that its link hangs on than drawn, or farther away."""
+"""A bent rod: the distance from a loop's pin to the joint that carries its link differs from the drawing."""
 
 from dataclasses import replace
 
@@ -22,9 +22,9 @@ from armflex.laws.effects.shapes import ON_THE_LINK
 from armflex.robot import Robot
 
 
-def _rods(robot: Robot) -> dict[str, Array]:
+def _lengthenings(robot: Robot) -> dict[str, Array]:
     """Return by pin the (6,) twist that makes its link longer [m], of links that hang on a joint without a drive."""
-    hang = {joint.child for joint in robot.places if joint.name in robot.linkage.passive}
+    hanging = {joint.child for joint in robot.places if joint.name in robot.linkage.passive}
     ends = [
         (name, link, at)
         for loop in robot.linkage.loops
@@ -33,21 +33,21 @@ def _rods(robot: Robot) -> dict[str, Array]:
     return {
         name: np.concatenate([at / np.linalg.norm(at), np.zeros(3)])
         for name, link, at in ends
-        if link in hang and any(at)
+        if link in hanging and any(at)
     }
 
 
 def _places(records: Records) -> list[Location]:
-    return [Location(LINK + name) for name in _rods(records.robot)]
+    return [Location(LINK + name) for name in _lengthenings(records.robot)]
 
 
 def _longer(here: Here, view: Solved, context: Context) -> Array:
-    return np.broadcast_to(_rods(here.robot)[here.location.place], (len(view.rows), 1, 6))
+    return np.broadcast_to(_lengthenings(here.robot)[here.location.place], (len(view.rows), 1, 6))
 
 
 def _change(effect: Effect, model: ChangeableModel) -> ChangeableModel:
     name, geometry = effect.location.place, model.corrections.geometry
-    twist = geometry.get(name, np.zeros(6)) + effect.amplitudes[0] * _rods(model.robot)[name]
+    twist = geometry.get(name, np.zeros(6)) + effect.amplitudes[0] * _lengthenings(model.robot)[name]
     return replace(model, corrections=replace(model.corrections, geometry={**geometry, name: twist}))
 
 

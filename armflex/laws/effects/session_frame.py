@@ -27,18 +27,18 @@ from armflex.laws.effects.shapes import ON_THE_FLOOR
 
 def _places(records: Records) -> list[Location]:
     """Return every session where there are several: a shift, or a shift and a turn."""
-    several = records.sessions if len(records.sessions) > 1 else ()
-    return [Location(BASE, terms=terms, partner=name) for name in several for terms in ((0, 1, 2), tuple(range(6)))]
+    sessions = records.sessions if len(records.sessions) > 1 else ()
+    return [Location(BASE, terms=terms, partner=name) for name in sessions for terms in ((0, 1, 2), tuple(range(6)))]
 
 
-def _moved(here: Here, view: Solved, context: Context) -> Array:
+def _response(here: Here, view: Solved, context: Context) -> Array:
     in_session = np.array([context.sessions[row] == here.location.partner for row in view.rows])
     return in_session[:, None, None] * np.eye(6)
 
 
 def _change(effect: Effect, model: ChangeableModel) -> ChangeableModel:
-    moved = model.instrument.with_session(effect.location.partner, np.array(effect.values))
-    return replace(model, instrument=moved)
+    instrument = model.instrument.with_session(effect.location.partner, np.array(effect.values))
+    return replace(model, instrument=instrument)
 
 
 SESSION_FRAME = ModelLaw(
@@ -49,7 +49,7 @@ SESSION_FRAME = ModelLaw(
     places=_places,
     amplitudes=tuple(Amplitude(axis, "m" if axis[0] == "d" else "rad") for axis in AXES),
     act=Act.FRAME,
-    made=_moved,
+    made=_response,
     changed=_change,
     afterwards=Afterwards.OVER,
 )
