@@ -397,7 +397,8 @@ class Arm:
         seen = self.certainty.payloads if self.certainty is not None else ()
         names = [name for name, body in self.payloads.items() if body is payload]
         names = names or ["none" if not payload.mass else f"of {payload.mass:g} kg"]
-        if not seen or not set(names).isdisjoint(seen):
+        weightless = not payload.mass and any(name in self.payloads and not self.payloads[name].mass for name in seen)
+        if not seen or weightless or not set(names).isdisjoint(seen):
             return ()
         text = f"payload {names[0]}: the arm was calibrated under {', '.join(seen)} alone, and sigma does not have in "
         return (Flag("new_payload", f"{text}it how far its laws are off under another load", about=names[0]),)
