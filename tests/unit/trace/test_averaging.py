@@ -24,8 +24,8 @@ from armflex.trace.hypotheses import Hypothesis, hypotheses
 from armflex.trace.probabilities import Drawn, bagged
 from armflex.trace.resampling import POSES, Resampled
 from armflex.trace.screen import Dense
-from armflex.trace.search import linear, refitted
-from armflex.trace.selection import SCALES, Chosen, Model
+from armflex.trace.search import exchanged, linear, refitted
+from armflex.trace.selection import SCALES, Chosen, Model, rivals
 from armflex.trace.state import State, begin, refit
 from armflex.trace.validate import Folds
 
@@ -219,3 +219,22 @@ def test_a_rival_stands_behind_what_wandered(fitted: State) -> None:
     acting = average.setup.arm.effects
     assert average.rivals
     assert [acting[block.ordinal].name for block in average.rivals] == [block.effect.name for block in average.rivals]
+
+
+def test_a_rival_that_only_resamples_prefer_is_fitted_before_it_is_believed() -> None:
+    """It is less probable in the linear problem: whether it takes a name's place is what comes out of the fit."""
+    arm, rows = six_axes.campaign(
+        20, effects=[Candidate(COMPLIANCE, Location("elbow_joint", "ry"), ()).effect(np.array([1e-4]))]
+    )
+    before = begin(calibrate(arm, rows, as_stated=True))
+    some = [one for one in hypotheses(before.context) if one.one.law in (COMPLIANCE, BACKLASH)]
+    screen = linear(before, some).screen
+    best = rivals(screen.beside(()))[0].chosen
+    state = refitted(linear(before, some), (best,))
+    assert state is not None
+    here = linear(state, some)
+    ranked = [rival.chosen for rival in rivals(here.screen.beside(()), within=100.0)]
+    other = next(one for one in ranked if here.screen.groups[one.number].hypothesis.spot != state.known[0].spot)
+    assert here.screen.log_posterior((other,)) < here.value
+    after = exchanged(here, [(other,)])
+    assert len(here.rejected) == 1 and (after is None or after.value > here.value)
